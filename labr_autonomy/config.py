@@ -1,0 +1,108 @@
+"""`robot.yaml`: what the robot is, how it is wired and what it may do. Each default names its source."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat
+
+from labr_autonomy.types import Intrinsics
+
+
+class Section(BaseModel):
+    """A part of the file; unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Links(Section):
+    """Where the devices answer. The simulator fills this in for its own run."""
+
+    air: str = Field(default="serial:///dev/ttyACM0:921600", description="MAVSDK connection URL of the Pixhawk")
+    ground: str = Field(default="/dev/serial/by-id/usb-LABR_land_controller", description="serial device of the STM32")
+    ground_baud: int = Field(default=460800, gt=0)
+    vio: str = Field(default="udp://127.0.0.1:14560", description="UDP address to bind for MAVLink ODOMETRY poses")
+    depth: str = Field(default="labr_depth", description="name of the shared-memory frame slot the camera driver writes")
+
+
+class Body(Section):
+    """Outline and mass."""
+
+    mass_kg: PositiveFloat = 3.4  # paper, section IV-A
+    radius_m: PositiveFloat = 0.30  # outline of wheels and 9-inch propellers
+    below_m: PositiveFloat = 0.12  # body origin to the floor when it stands on its wheels
+    above_m: PositiveFloat = 0.14  # body origin to the highest point
+    track_m: PositiveFloat = 0.30  # distance of the wheels
+
+
+class Camera(Section):
+    """Intel D435i depth stream at 424x240 (848x480 binned); pose of the camera in body, looking along x."""
+
+    width: int = 424
+    height: int = 240
+    fx: PositiveFloat = 212.0
+    fy: PositiveFloat = 212.0
+    cx: float = 212.0
+    cy: float = 120.0
+    x_m: float = 0.14
+    z_m: float = 0.06
+    range_min_m: PositiveFloat = 0.30  # D400 series datasheet, minimum Z at 848x480
+    range_max_m: PositiveFloat = 10.0  # D435i product page
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The pinhole model."""
+        return Intrinsics(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+
+
+class LandLimits(Section):
+    """What the wheels may do."""
+
+    speed_mps: PositiveFloat = 0.8
+    reverse_mps: PositiveFloat = 0.2
+    acceleration_mps2: PositiveFloat = 1.0
+    yaw_rate_rps: PositiveFloat = 1.5
+    yaw_acceleration_rps2: PositiveFloat = 3.0
+
+
+class AirLimits(Section):
+    """What the rotors may do."""
+
+    speed_mps: PositiveFloat = 1.2
+    climb_mps: PositiveFloat = 0.8
+    descend_mps: PositiveFloat = 0.5
+    acceleration_mps2: PositiveFloat = 2.5
+    jerk_mps3: PositiveFloat = 10.0
+    yaw_rate_rps: PositiveFloat = 1.2
+    height_max_m: PositiveFloat = 2.5
+
+
+class Energy(Section):
+    """Power and pack. Land figures are Table 3 of the paper; the hover figure is the quad's own model."""
+
+    land_w: PositiveFloat = 84.0  # Table 3: 80..86 W driving
+    idle_w: PositiveFloat = 20.0  # NUC and sensors at rest
+    air_w: PositiveFloat = 590.0  # four 9-inch propellers lifting 3.4 kg, momentum theory with figure of merit 0.6
+    transition_s: PositiveFloat = 6.0  # arming, lifting off, descending and settling together
+    pack_j: PositiveFloat = 547_000.0  # 5S, 8 Ah at 19 V
+    reserve: float = Field(default=0.15, ge=0.0, lt=1.0)
+
+
+class Clearance(Section):
+    """Free distance demanded around the body's outline [m]."""
+
+    hard_m: float = Field(default=0.02, ge=0.0)  # a trajectory closer than this never leaves the refiner
+    soft_m: float = Field(default=0.12, ge=0.0)  # what the refiner aims for
+    landing_m: float = Field(default=0.15, ge=0.0)  # free ring around the outline where it lands or takes off
+
+
+class RobotConfig(Section):
+    """The whole of `robot.yaml`."""
+
+    version: int = Field(default=1, ge=1, le=1)
+    name: str = "LABR"
+    links: Links = Links()
+    body: Body = Body()
+    camera: Camera = Camera()
+    land: LandLimits = LandLimits()
+    air: AirLimits = AirLimits()
+    energy: Energy = Energy()
+    clearance: Clearance = Clearance()

@@ -1,0 +1,1 @@
+"""The mission file and the executive that carries it out."""

@@ -1,0 +1,1 @@
+"""Land or air: the energy model, the decision, and the transition machine."""
