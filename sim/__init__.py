@@ -1,0 +1,1 @@
+"""The simulator: worlds, sensors, vehicles and the stand-ins at the real seams."""

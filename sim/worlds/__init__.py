@@ -1,0 +1,1 @@
+"""Worlds the simulator flies in: generated families and mesh files, as triangles."""
