@@ -81,7 +81,8 @@ def rotation_vector_quaternion(rotation_rad: Array) -> Array:
     angle = float(np.linalg.norm(rotation_rad))
     if angle < 1e-12:
         q = np.array([1.0, *(0.5 * rotation_rad)])
-        return q / np.linalg.norm(q)
+        unit: Array = q / np.linalg.norm(q)
+        return unit
     return np.array([math.cos(angle / 2), *(math.sin(angle / 2) * rotation_rad / angle)])
 
 
@@ -91,14 +92,16 @@ def quaternion_rotation_vector(q: Array) -> Array:
         q = -q
     n = float(np.linalg.norm(q[1:]))
     if n < 1e-12:
-        out: Array = 2.0 * q[1:]
-        return out
-    return 2.0 * math.atan2(n, float(q[0])) * q[1:] / n
+        small: Array = 2.0 * q[1:]
+        return small
+    rotation: Array = 2.0 * math.atan2(n, float(q[0])) * q[1:] / n
+    return rotation
 
 
 def quaternion_conjugate(q: Array) -> Array:
     """Inverse of a unit quaternion."""
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
+    inverse: Array = q * np.array([1.0, -1.0, -1.0, -1.0])
+    return inverse
 
 
 def yaw_of(q: Array) -> float:
