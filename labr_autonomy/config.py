@@ -16,11 +16,19 @@ class Section(BaseModel):
 class Links(Section):
     """Where the devices answer. The simulator fills this in for its own run."""
 
-    air: str = Field(default="serial:///dev/ttyACM0:921600", description="MAVSDK connection URL of the Pixhawk")
-    ground: str = Field(default="/dev/serial/by-id/usb-LABR_land_controller", description="serial device of the STM32")
+    air: str = Field(
+        default="serial:///dev/ttyACM0:921600", description="MAVSDK connection URL of the Pixhawk"
+    )
+    ground: str = Field(
+        default="/dev/serial/by-id/usb-LABR_land_controller", description="serial device of the STM32"
+    )
     ground_baud: int = Field(default=460800, gt=0)
-    vio: str = Field(default="udp://127.0.0.1:14560", description="UDP address to bind for MAVLink ODOMETRY poses")
-    depth: str = Field(default="labr_depth", description="name of the shared-memory frame slot the camera driver writes")
+    vio: str = Field(
+        default="udp://127.0.0.1:14560", description="UDP address to bind for MAVLink ODOMETRY poses"
+    )
+    depth: str = Field(
+        default="labr_depth", description="name of the shared-memory frame slot the camera driver writes"
+    )
 
 
 class Body(Section):
@@ -80,7 +88,9 @@ class Energy(Section):
 
     land_w: PositiveFloat = 84.0  # Table 3: 80..86 W driving
     idle_w: PositiveFloat = 20.0  # NUC and sensors at rest
-    air_w: PositiveFloat = 590.0  # four 9-inch propellers lifting 3.4 kg, momentum theory with figure of merit 0.6
+    air_w: PositiveFloat = (
+        590.0  # four 9-inch propellers lifting 3.4 kg, momentum theory with figure of merit 0.6
+    )
     transition_s: PositiveFloat = 6.0  # arming, lifting off, descending and settling together
     pack_j: PositiveFloat = 547_000.0  # 5S, 8 Ah at 19 V
     reserve: float = Field(default=0.15, ge=0.0, lt=1.0)

@@ -46,7 +46,15 @@ def straight(k=11):
     x = np.linspace(0.0, 1.0, k)
     zero = np.zeros((k, 3))
     return Trajectory(
-        Mode.LAND, 5.0, 0.1, np.stack([x, 0 * x, 0 * x], 1), zero + [1, 0, 0], zero, 0 * x, 0 * x, 0 * x + 1.0
+        Mode.LAND,
+        5.0,
+        0.1,
+        np.stack([x, 0 * x, 0 * x], 1),
+        np.tile([1.0, 0.0, 0.0], (k, 1)),
+        zero,
+        0 * x,
+        0 * x,
+        0 * x + 1.0,
     )
 
 

@@ -1,0 +1,81 @@
+"""What the executive asks of the planner process, and what comes back. Plain values, picklable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labr_autonomy.types import Array, KeyPoints, Mode, Pose, Source, Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Motion that a new trajectory starts from."""
+
+    position_m: Array  # (3,) odom
+    velocity_mps: Array  # (3,) odom
+    acceleration_mps2: Array  # (3,) odom
+    yaw_rad: float  # odom
+    yaw_rate_rps: float
+    speed_mps: float  # along body x, signed
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRequest:
+    """One planning cycle to do."""
+
+    sequence: int
+    frame_sequence: int  # depth frame to look at
+    frame_pose: Pose  # body in odom when that frame was taken
+    body_pose: Pose  # body in odom now
+    start_s: float  # when the new trajectory shall begin
+    motion: Motion  # where the robot will be then
+    mode: Mode
+    goal_m: Array  # (3,) odom; z is used when goal_in_air
+    goal_in_air: bool
+    floor_z_m: float  # floor below the robot, odom
+    lift_to_m: float  # height in odom that a take-off here would climb to
+    land_speed_mps: float
+    air_speed_mps: float
+    fresh: bool = False  # forget the previous trajectory (after a hold or a mode change)
+
+
+@dataclass(frozen=True, slots=True)
+class Timings:
+    """Where one cycle's time went [s]."""
+
+    map_s: float = 0.0
+    network_s: float = 0.0
+    route_s: float = 0.0
+    refine_s: float = 0.0
+    total_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PlanResult:
+    """Outcome of one cycle."""
+
+    sequence: int
+    frame_stamp_s: float  # exposure of the depth frame behind this plan
+    trajectory: Trajectory | None
+    network: KeyPoints  # what the network said
+    followed: KeyPoints | None  # what the trajectory was made from
+    source: Source
+    clearance_m: float
+    reason: str  # why the trajectory is what it is, when it is not the network's
+    lift_off_m: float  # along the network's path to its first key point in the air; inf if none
+    land_path_ends: bool
+    take_off_clear: bool
+    landing_clear: bool
+    timings: Timings
+    map_xy_m: NDArray[np.float32] | None = field(default=None)  # (n, 2) obstacle cells, now and then
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """The planner process has loaded everything."""
+
+    versions: dict[str, str]
+    load_s: float
