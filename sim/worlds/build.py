@@ -1,0 +1,103 @@
+"""One entry for every world: a generated family or a mesh file, from a few plain values."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labr_autonomy.errors import BadInput
+from sim.worlds.mesh import load_mesh
+from sim.worlds.world import World
+
+_ENV = "LABR_WORLDS"
+_SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "worlds"
+_KEYS = {"family", "size_m", "mesh", "scale", "up", "seed", "clear_m", "worlds_dir"}
+
+# Where the world data that the missions name comes from; none of it is in this repository.
+_SOURCES = {
+    "aws_small_house": "AWS RoboMaker small house world "
+    "(github.com/aws-robotics/aws-robomaker-small-house-world, MIT-0)",
+    "ethz_forest": "ETH Zurich forest generator (github.com/ethz-asl/forest_gen, BSD-2-Clause)",
+    "parking_garage": "mesh navigation tutorials "
+    "(github.com/naturerobots/mesh_navigation_tutorials, BSD-3-Clause)",
+}
+
+Place = tuple[float, float, float]
+
+
+def build_world(
+    spec: Mapping[str, Any],
+    *,
+    seed: int,
+    clear_m: Sequence[Place] = (),
+    worlds_dir: Path | None = None,
+) -> World:
+    """Make the world of a mission.
+
+    Args:
+        spec: {"family": name, "size_m": [x, y]} for a generated world, or {"mesh": file, "scale": metres per
+            unit, "up": axis} for a mesh file.
+        seed: Seed of a generated world.
+        clear_m: Places (x, y, z) in odom [m] that a generated world keeps free.
+        worlds_dir: Folder of the mesh files; by default $LABR_WORLDS, else `shared/data/worlds` beside the
+            checkout.
+
+    Returns:
+        The world; its `spec` is plain JSON and `rebuild_world(spec)` makes the same world again.
+    """
+    unknown = sorted(set(spec) - _KEYS)
+    if unknown:
+        raise BadInput(f"a world has no field '{unknown[0]}'", f"Known fields: {', '.join(sorted(_KEYS))}.")
+    if ("family" in spec) == ("mesh" in spec):
+        raise BadInput("a world is either a `family` or a `mesh`", "Give exactly one of the two.")
+    return _mesh(spec, worlds_dir) if "mesh" in spec else _family(spec, seed, clear_m)
+
+
+def rebuild_world(spec: Mapping[str, Any]) -> World:
+    """The world that `build_world` described in `World.spec`, for another process."""
+    folder = spec.get("worlds_dir")
+    return build_world(
+        spec,
+        seed=int(spec.get("seed", 0)),
+        clear_m=[(float(x), float(y), float(z)) for x, y, z in spec.get("clear_m", ())],
+        worlds_dir=Path(folder) if folder else None,
+    )
+
+
+def _family(spec: Mapping[str, Any], seed: int, clear_m: Sequence[Place]) -> World:
+    from sim.worlds.generate import generate
+
+    try:
+        x_m, y_m = (float(v) for v in spec.get("size_m", (12.0, 8.0)))
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"size_m is {spec['size_m']!r}", "Give two lengths [x, y] in metres.") from error
+    places = [[float(v) for v in place] for place in clear_m]
+    world = generate(str(spec["family"]), seed, (x_m, y_m), np.array(places).reshape(-1, 3))
+    again = {"family": str(spec["family"]), "size_m": [x_m, y_m], "seed": seed, "clear_m": places}
+    return replace(world, spec=again)
+
+
+def _mesh(spec: Mapping[str, Any], worlds_dir: Path | None) -> World:
+    name = str(spec["mesh"])
+    folder = worlds_dir or Path(os.environ.get(_ENV) or _SHARED)
+    path = folder / name
+    if not path.is_file():
+        source = _SOURCES.get(Path(name).parts[0] if Path(name).parts else "")
+        origin = f"Its public source is the {source}: get it and" if source else "Get it and"
+        raise BadInput(
+            f"the world mesh '{name}' is not in {folder}",
+            f"{origin} name the folder that holds it by --worlds DIR.",
+        )
+    try:
+        scale = float(spec.get("scale", 1.0))
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"the scale of '{name}' is {spec['scale']!r}", "Give metres per unit.") from error
+    up = spec.get("up")
+    world = load_mesh(path, scale=scale, up=None if up is None else str(up).lower())
+    again: dict[str, Any] = {"mesh": name, "scale": scale, "worlds_dir": str(folder)}
+    return replace(world, spec=again if up is None else {**again, "up": str(up).lower()})

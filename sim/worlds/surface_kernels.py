@@ -1,0 +1,184 @@
+"""Compiled geometry: exact distance from an upright cylinder to the triangles of a mesh."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+_TOLERANCE_M = 1e-5
+_ROUNDS = 60
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _dot(a: Any, b: Any) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _closest_on_triangle(p: Any, a: Any, b: Any, c: Any) -> Any:
+    """Closest point of triangle abc to p, by its Voronoi regions (Ericson 2005, section 5.1.5)."""
+    ab, ac, ap = b - a, c - a, p - a
+    d1, d2 = _dot(ab, ap), _dot(ac, ap)
+    if d1 <= 0.0 and d2 <= 0.0:
+        return a
+    bp = p - b
+    d3, d4 = _dot(ab, bp), _dot(ac, bp)
+    if d3 >= 0.0 and d4 <= d3:
+        return b
+    vc = d1 * d4 - d3 * d2
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        return a + ab * (d1 / (d1 - d3)) if d1 > d3 else a
+    cp = p - c
+    d5, d6 = _dot(ab, cp), _dot(ac, cp)
+    if d6 >= 0.0 and d5 <= d6:
+        return c
+    vb = d5 * d2 - d1 * d6
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        return a + ac * (d2 / (d2 - d6)) if d2 > d6 else a
+    va = d3 * d6 - d5 * d4
+    if va <= 0.0 and d4 >= d3 and d5 >= d6:
+        along = (d4 - d3) + (d5 - d6)
+        return b + (c - b) * ((d4 - d3) / along) if along > 0.0 else b
+    total = va + vb + vc
+    return a + ab * (vb / total) + ac * (vc / total)
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _clip(polygon: Any, count: int, z_m: float, sign: float, out: Any) -> int:
+    """Part of a convex polygon with sign*(z - z_m) >= 0; returns its number of corners."""
+    kept = 0
+    for i in range(count):
+        a, b = polygon[i], polygon[(i + 1) % count]
+        da, db = sign * (a[2] - z_m), sign * (b[2] - z_m)
+        if da >= 0.0:
+            out[kept] = a
+            kept += 1
+        if (da >= 0.0) != (db >= 0.0):
+            out[kept] = a + (b - a) * (da / (da - db))
+            kept += 1
+    return kept
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _flat_distance(polygon: Any, count: int, x: float, y: float) -> float:
+    """Horizontal distance from (x, y) to the outline of a convex polygon seen from above, 0 within."""
+    best, within = math.inf, False
+    for i in range(count):
+        ax, ay = polygon[i, 0] - x, polygon[i, 1] - y
+        bx, by = polygon[(i + 1) % count, 0] - x, polygon[(i + 1) % count, 1] - y
+        if (ay > 0.0) != (by > 0.0) and ax + (bx - ax) * ay / (ay - by) > 0.0:
+            within = not within
+        ex, ey = bx - ax, by - ay
+        length2 = ex * ex + ey * ey
+        t = min(max(-(ax * ex + ay * ey) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
+        best = min(best, math.hypot(ax + t * ex, ay + t * ey))
+    return 0.0 if within else best
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _separation(a: Any, b: Any, c: Any, axis: Any, radius: float, low: float, high: float) -> float:
+    """Distance between a triangle and a cylinder that do not meet, by projecting to and fro (both convex)."""
+    q = np.array([axis[0], axis[1], 0.5 * (low + high)])
+    last = math.inf
+    for _ in range(_ROUNDS):
+        p = _closest_on_triangle(q, a, b, c)
+        dx, dy = p[0] - axis[0], p[1] - axis[1]
+        r = math.hypot(dx, dy)
+        shrink = radius / r if r > radius else 1.0
+        q[0], q[1], q[2] = axis[0] + dx * shrink, axis[1] + dy * shrink, min(max(p[2], low), high)
+        gap = math.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
+        if last - gap < _TOLERANCE_M:
+            return gap
+        last = gap
+    return last
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _triangle_clearance(
+    triangle: Any, axis: Any, radius: float, low: float, high: float, cut: bool, one: Any, two: Any
+) -> Any:
+    """Clearance of one triangle; negative by how deep it reaches into the cylinder sideways."""
+    count = _clip(triangle, 3, low, 1.0, one)
+    inside = _clip(one, count, high, -1.0, two)
+    if inside > 0:
+        flat = _flat_distance(two, inside, axis[0], axis[1]) - radius
+        if flat <= 0.0:
+            return flat
+    if not cut:
+        return _separation(triangle[0], triangle[1], triangle[2], axis, radius, low, high)
+    best = math.inf
+    for i in range(1, count - 1):
+        best = min(best, _separation(one[0], one[i], one[i + 1], axis, radius, low, high))
+    return best
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def cylinder_clearance(
+    triangles: NDArray[np.float32],
+    boxes: Floats,
+    starts: Ints,
+    members: Ints,
+    shape: tuple[int, int],
+    corner: Floats,
+    cell: float,
+    axis: Floats,
+    radius: float,
+    low: float,
+    high: float,
+    cut: bool,
+    reach: float,
+) -> float:
+    """Smallest clearance between an upright cylinder and all triangles [m], at most `reach`.
+
+    Args:
+        triangles: (m, 3, 3) float32 corners.
+        boxes: (m, 6) bounds of each triangle: lower xyz, upper xyz.
+        starts: (nx*ny + 1,) where each column's members begin.
+        members: Triangle numbers by column of the xy grid.
+        shape: (nx, ny) columns.
+        corner: (2,) lower corner of the grid.
+        cell: Width of a column [m].
+        axis: (2,) position of the cylinder.
+        radius: Its radius [m].
+        low: Its lower end in z [m].
+        high: Its upper end in z [m].
+        cut: Whether parts of triangles below `low` are left out.
+        reach: Largest clearance of interest [m].
+    """
+    nx, ny = shape
+    one, two, triangle = np.empty((6, 3)), np.empty((6, 3)), np.empty((3, 3))
+    ix, iy = math.floor((axis[0] - corner[0]) / cell), math.floor((axis[1] - corner[1]) / cell)
+    best = reach
+    for ring in range(int((reach + radius) / cell) + 3):
+        if (ring - 1) * cell - radius > best:
+            break
+        for i in range(max(ix - ring, 0), min(ix + ring, nx - 1) + 1):
+            edge = i == ix - ring or i == ix + ring
+            step = 1 if edge else max(2 * ring, 1)
+            for j in range(iy - ring, iy + ring + 1, step):
+                if j < 0 or j >= ny:
+                    continue
+                for k in range(starts[i * ny + j], starts[i * ny + j + 1]):
+                    t = members[k]
+                    if cut and boxes[t, 5] <= low:
+                        continue
+                    dx = max(boxes[t, 0] - axis[0], axis[0] - boxes[t, 3], 0.0)
+                    dy = max(boxes[t, 1] - axis[1], axis[1] - boxes[t, 4], 0.0)
+                    dz = max(boxes[t, 2] - high, low - boxes[t, 5], 0.0)
+                    side = math.hypot(dx, dy) - radius
+                    bound = math.hypot(max(side, 0.0), dz) if side > 0.0 or dz > 0.0 else side
+                    if bound >= best:
+                        continue
+                    for a in range(3):
+                        for b in range(3):
+                            triangle[a, b] = triangles[t, a, b]
+                    found = _triangle_clearance(triangle, axis, radius, low, high, cut, one, two)
+                    best = min(best, found)
+    return best
