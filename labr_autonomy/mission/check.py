@@ -1,0 +1,155 @@
+"""Feasibility before anything moves: pure checks of a mission against a robot and, where known, the world."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.errors import Refused
+from labr_autonomy.mission.fence import margin_m, polygon_fault
+from labr_autonomy.mission.schema import Goto, Mission, Point
+
+ClearanceAt = Callable[[float, float, float], float]
+"""Free distance [m] around the robot's outline with its body origin at (x, y, z) odom, to the nearest
+obstacle; the floor it stands on is none. Zero or less: touching or inside."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One reason not to start."""
+
+    code: str  # stable, for machines
+    item: int | None  # index into the mission's items; None when it is about the whole
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Stand:
+    """A place where the robot will be."""
+
+    name: str  # as a sentence begins
+    item: int | None
+    x_m: float
+    y_m: float
+    z_m: float  # body origin
+    flown: bool
+
+
+def height_max_m(mission: Mission, robot: RobotConfig) -> float:
+    """Height of the body above the floor that is never exceeded [m]: the lower of mission's and robot's."""
+    own = robot.air.height_max_m
+    return own if mission.limits.height_max_m is None else min(own, mission.limits.height_max_m)
+
+
+def check_mission(
+    mission: Mission,
+    robot: RobotConfig,
+    *,
+    clearance_at: ClearanceAt | None = None,
+    start_xy_m: tuple[float, float] | None = None,
+) -> list[Finding]:
+    """Everything that speaks against starting; empty when nothing does.
+
+    Args:
+        mission: What shall be done.
+        robot: What does it.
+        clearance_at: Where the world is known: free distance around the outline.
+        start_xy_m: Where the robot stands in odom; by default the simulated start, if there is one.
+    """
+    if start_xy_m is None and mission.sim is not None:
+        start_xy_m = (mission.sim.start.x, mission.sim.start.y)
+    stands = list(_stands(mission, robot, start_xy_m))
+    findings = list(_fence_faults(mission))
+    sound = [
+        i for i, fence in enumerate(mission.fence) if not (fence.polygon and polygon_fault(fence.polygon))
+    ]
+    for stand in stands:
+        findings += _outside(stand, mission, sound, robot)
+        findings += _too_high(stand, height_max_m(mission, robot))
+        if clearance_at is not None:
+            findings += _obstructed(stand, clearance_at, robot)
+    findings += _reserve_missing(mission, robot)
+    return findings
+
+
+def refuse(findings: Sequence[Finding]) -> None:
+    """Raise one error that names every finding.
+
+    Raises:
+        Refused: when there is a finding.
+    """
+    if not findings:
+        return
+    if len(findings) == 1:
+        raise Refused(f"not feasible: {findings[0].sentence}", "Nothing has moved")
+    listed = "\n".join(f"  - {finding.sentence}" for finding in findings)
+    raise Refused(f"not feasible, {len(findings)} reasons:\n{listed}\n  Nothing has moved")
+
+
+def _stands(mission: Mission, robot: RobotConfig, start_xy_m: tuple[float, float] | None) -> Iterator[_Stand]:
+    on_wheels_m = robot.body.below_m
+    if start_xy_m is not None:
+        yield _Stand("the start", None, *start_xy_m, on_wheels_m, flown=False)
+    for i, item in enumerate(mission.items):
+        if isinstance(item, Goto):
+            goal = mission.target(item)
+            z_m = on_wheels_m if goal.z is None else goal.z
+            yield _Stand(_named(i, item, goal), i, goal.x, goal.y, z_m, flown=goal.z is not None)
+
+
+def _named(index: int, item: Goto, goal: Point) -> str:
+    where = ", ".join(f"{v:g}" for v in (goal.x, goal.y, goal.z) if v is not None)
+    name = f" '{item.goto}'" if isinstance(item.goto, str) else ""
+    return f"the goal{name} of item {index + 1} at ({where})"
+
+
+def _fence_faults(mission: Mission) -> Iterator[Finding]:
+    for i, fence in enumerate(mission.fence):
+        if fence.polygon and (fault := polygon_fault(fence.polygon)):
+            yield Finding("fence_invalid", None, f"fence {i + 1} bounds no region: {fault}")
+
+
+def _outside(stand: _Stand, mission: Mission, sound: list[int], robot: RobotConfig) -> Iterator[Finding]:
+    bottom, top = stand.z_m - robot.body.below_m, stand.z_m + robot.body.above_m
+    for i in sound:
+        fence = mission.fence[i]
+        margin = margin_m(fence, stand.x_m, stand.y_m, bottom, top, robot.body.radius_m)
+        if margin < -1e-9:  # on the line is inside; the tolerance is for rounding only
+            side = "outside" if fence.keep == "in" else "inside the keep-out"
+            sentence = f"{stand.name} puts the robot {-margin:.2f} m {side} fence {i + 1}"
+            yield Finding(
+                "start_outside_fence" if stand.item is None else "goal_outside_fence", stand.item, sentence
+            )
+
+
+def _too_high(stand: _Stand, limit_m: float) -> Iterator[Finding]:
+    if stand.flown and stand.z_m > limit_m:
+        yield Finding("goal_too_high", stand.item, f"{stand.name} is above the ceiling of {limit_m:g} m")
+
+
+def _obstructed(stand: _Stand, clearance_at: ClearanceAt, robot: RobotConfig) -> Iterator[Finding]:
+    free_m = clearance_at(stand.x_m, stand.y_m, stand.z_m)
+    needed_m = robot.clearance.hard_m if stand.item is None else robot.clearance.soft_m
+    kind = "start" if stand.item is None else "goal"
+    if free_m <= 0.0:
+        yield Finding(f"{kind}_in_obstacle", stand.item, f"{stand.name} is inside an obstacle")
+    elif free_m < needed_m:
+        sentence = f"{stand.name} leaves {free_m:.2f} m to an obstacle, {needed_m:.2f} m are needed"
+        yield Finding(f"{kind}_near_obstacle", stand.item, sentence)
+
+
+def _reserve_missing(mission: Mission, robot: RobotConfig) -> Iterator[Finding]:
+    """The floor of the bill: straight lines, driven, plus a take-off for each goal in the air."""
+    spendable_j = robot.energy.pack_j * (1.0 - mission.energy.reserve_pct / 100.0)
+    points = [mission.target(item) for item in mission.items if isinstance(item, Goto)]
+    metres = sum(((b.x - a.x) ** 2 + (b.y - a.y) ** 2) ** 0.5 for a, b in itertools.pairwise(points))
+    lifts = sum(1 for point in points if point.z is not None)
+    needed_j = metres / robot.land.speed_mps * robot.energy.land_w
+    needed_j += lifts * robot.energy.transition_s * robot.energy.air_w
+    if needed_j > spendable_j:
+        sentence = (
+            f"the mission takes at least {needed_j / 1e3:.0f} kJ, the pack gives {spendable_j / 1e3:.0f} kJ"
+        )
+        yield Finding("energy_short", None, f"{sentence} above its reserve")

@@ -1,0 +1,164 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.errors import Refused
+from labr_autonomy.mission.check import check_mission, height_max_m, refuse
+from labr_autonomy.mission.fence import contains, margin_m, polygon_fault, region_distance_m
+from labr_autonomy.mission.schema import Circle, Fence, Mission
+
+ROBOT = RobotConfig()
+SQUARE = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]
+NOTCHED = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (5.0, 5.0), (0.0, 10.0)]  # concave
+
+
+def mission(items, **more):
+    return Mission.model_validate({"version": 1, "name": "t", "items": items, **more})
+
+
+def codes(m, **more):
+    return [(f.code, f.item) for f in check_mission(m, ROBOT, **more)]
+
+
+def fence(keep="in", polygon=SQUARE, **more):
+    return {"keep": keep, "polygon": polygon, **more}
+
+
+def test_a_feasible_mission_has_no_findings():
+    m = mission([{"goto": {"x": 5, "y": 5}}, {"goto": {"x": 5, "y": 6, "z": 1.5}}], fence=[fence()])
+    assert codes(m, start_xy_m=(1.0, 1.0), clearance_at=lambda x, y, z: 1.0) == []
+
+
+def test_everything_wrong_is_found_at_once_and_refused_in_one_error():
+    items = [
+        {"goto": {"x": 12, "y": 5}},  # outside
+        {"goto": {"x": 5, "y": 5, "z": 3}},  # above the ceiling
+        {"goto": {"x": 2, "y": 2}},  # inside an obstacle
+        {"goto": {"x": 3, "y": 3}},  # too near to it
+    ]
+    m = mission(items, fence=[fence(), fence("out", [(0, 0), (2, 2), (2, 0), (0, 2)])])
+    findings = check_mission(
+        m,
+        ROBOT,
+        start_xy_m=(0.1, 5),
+        clearance_at=lambda x, y, z: -0.1 if x == 2 else 0.05 if x == 3 else 1.0,
+    )
+    assert {f.code for f in findings} == {
+        "fence_invalid",
+        "start_outside_fence",
+        "goal_outside_fence",
+        "goal_too_high",
+        "goal_in_obstacle",
+        "goal_near_obstacle",
+    }
+    with pytest.raises(Refused) as caught:
+        refuse(findings)
+    assert caught.value.exit_code == 3
+    for finding in findings:
+        assert finding.sentence in str(caught.value)
+
+
+def test_no_findings_are_not_refused_and_one_is_one_sentence():
+    refuse([])
+    one = check_mission(mission([{"goto": {"x": 12, "y": 5}}], fence=[fence()]), ROBOT)
+    with pytest.raises(
+        Refused, match=r"^not feasible: the goal of item 1 at \(12, 5\) puts the robot 2.30 m outside"
+    ):
+        refuse(one)
+
+
+@pytest.mark.parametrize(("x", "found"), [(9.71, True), (9.70, False), (0.30, False), (0.29, True)])
+def test_the_outline_stays_inside_not_only_the_middle(x, found):
+    assert bool(codes(mission([{"goto": {"x": x, "y": 5}}], fence=[fence()]))) is found
+
+
+@pytest.mark.parametrize(
+    ("z", "heights", "keep", "found"),
+    [
+        (1.0, [0, 2], "in", False),
+        (1.9, [0, 2], "in", True),  # the top sticks out
+        (None, [0, 2], "in", False),  # on its wheels the outline starts at the floor
+        (None, [0.5, 2], "in", True),
+        (1.0, [1.2, 2], "out", False),  # passes below
+        (1.0, [1.1, 2], "out", True),
+        (1.0, [0, 0.8], "out", False),  # passes above
+        (None, [0, 0.8], "out", True),
+    ],
+)
+def test_heights_of_a_fence(z, heights, keep, found):
+    goal = {"x": 5, "y": 5} | ({} if z is None else {"z": z})
+    assert bool(codes(mission([{"goto": goal}], fence=[fence(keep, z=heights)]))) is found
+
+
+def test_the_lower_ceiling_counts():
+    goal = [{"goto": {"x": 1, "y": 1, "z": 2}}]
+    assert codes(mission(goal)) == []
+    assert codes(mission(goal, limits={"height_max_m": 1.9})) == [("goal_too_high", 0)]
+    assert height_max_m(mission(goal, limits={"height_max_m": 50}), ROBOT) == ROBOT.air.height_max_m
+
+
+def test_the_start_of_the_simulation_is_looked_at():
+    sim = {"world": {"family": "hall"}, "start": {"x": -1, "y": 5}}
+    m = mission([{"land": {}}], fence=[fence()], sim=sim)
+    assert codes(m) == [("start_outside_fence", None)]
+    assert codes(m, start_xy_m=(5.0, 5.0)) == []
+
+
+def test_goals_are_probed_at_the_height_of_the_body():
+    seen = []
+    m = mission([{"goto": "a"}, {"goto": {"x": 3, "y": 4, "z": 1.5}}], places={"a": {"x": 1, "y": 2}})
+    codes(m, clearance_at=lambda *p: seen.append(p) or 1.0)
+    assert seen == [(1, 2, ROBOT.body.below_m), (3, 4, 1.5)]
+
+
+def test_a_mission_beyond_the_pack_is_found():
+    far = [{"goto": {"x": 0, "y": 0}}, {"goto": {"x": 9000, "y": 0}}]
+    assert codes(mission(far)) == [("energy_short", None)]
+
+
+@pytest.mark.parametrize(
+    ("corners", "word"),
+    [
+        (SQUARE, None),
+        (NOTCHED, None),
+        ([(0, 0), (1, 1), (1, 0), (0, 1)], "cross"),
+        ([(0, 0), (1, 0), (1, 0), (0, 1)], "same point"),
+        ([(0, 0), (1, 0), (2, 0)], "no area"),
+        ([(0, 0), (4, 0), (4, 4), (2, 0), (0, 4)], "cross"),  # touches its own edge
+    ],
+)
+def test_polygons_that_bound_nothing(corners, word):
+    fault = polygon_fault(corners)
+    assert fault is None if word is None else word in fault
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "distance"),
+    [(5, 4, -1.0), (5, 5, 0.0), (5, 6, math.sqrt(0.5)), (1, 1, -1.0), (-3, -4, 5.0), (12, 5, 2.0)],
+)
+def test_distance_to_a_concave_polygon(x, y, distance):
+    f = Fence(polygon=NOTCHED, keep="in")
+    assert region_distance_m(f, x, y) == pytest.approx(distance)
+
+
+@given(st.floats(-20, 20), st.floats(-20, 20))
+def test_a_circle_and_its_polygon_agree(x, y):
+    corners = [(4 * math.cos(a * math.tau / 180), 4 * math.sin(a * math.tau / 180)) for a in range(180)]
+    circle = Fence(circle=Circle(x=0, y=0, radius_m=4), keep="in")
+    polygon = Fence(polygon=corners, keep="in")
+    assert region_distance_m(circle, x, y) == pytest.approx(region_distance_m(polygon, x, y), abs=3e-3)
+
+
+@given(st.floats(-5, 15), st.floats(-5, 15))
+def test_in_and_out_are_opposites_for_a_point(x, y):
+    inside, outside = Fence(polygon=NOTCHED, keep="in"), Fence(polygon=NOTCHED, keep="out")
+    assert margin_m(inside, x, y, 0, 0, 0) == -margin_m(outside, x, y, 0, 0, 0)
+    assert (
+        contains(NOTCHED, x, y) == (margin_m(inside, x, y, 0, 0, 0) > 0)
+        or abs(margin_m(inside, x, y, 0, 0, 0)) < 1e-9
+    )
