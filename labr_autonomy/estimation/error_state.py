@@ -1,0 +1,284 @@
+"""Error-state Kalman filter of position, velocity, attitude and IMU biases: the arithmetic, without a clock.
+
+Error state (15): position [m] odom, velocity [m/s] odom, rotation [rad] body, gyroscope bias [rad/s],
+accelerometer bias [m/s^2]; the true attitude is q * exp(rotation). After J. Sola, "Quaternion kinematics
+for the error-state Kalman filter" (2017), sections 5 and 7, with the body-fixed rotation error.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from labr_autonomy.estimation.vio_message import VioSample
+from labr_autonomy.types import Array
+
+GRAVITY_MPS2 = 9.80665  # ISO 80000-3
+P, V, R, BG, BA = (slice(i, i + 3) for i in range(0, 15, 3))
+_DIAGONAL = np.arange(15)
+_EYE, _EYE15 = np.eye(3), np.eye(15)
+_UP = np.array([0.0, 0.0, GRAVITY_MPS2])
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviations. The IMU's hold for a Pixhawk on a flying frame: propellers alias into 50 Hz."""
+
+    accelerometer_mps2_rthz: float = 0.12  # 0.8 m/s^2 a sample at 50 Hz
+    gyroscope_rps_rthz: float = 0.004  # 1.6 deg/s a sample at 50 Hz
+    accelerometer_bias_mps3_rthz: float = 2e-3
+    gyroscope_bias_rps2_rthz: float = 2e-4
+    start_velocity_mps: float = 0.1
+    start_accelerometer_bias_mps2: float = 0.2
+    start_gyroscope_bias_rps: float = 0.02
+    vio_position_floor_m: float = 0.005  # never believe a source that claims less
+    vio_rotation_floor_rad: float = 0.002
+    vio_velocity_mps: float = 0.03
+    wheel_speed_mps: float = 0.03
+    wheel_speed_share: float = 0.03  # of the speed: radius error and creep
+    wheel_side_mps: float = 0.05  # non-holonomic constraint, sideways
+    wheel_up_mps: float = 0.05  # and vertically
+    blind_mps2: float = 1.5  # unknown acceleration while the IMU is silent
+    blind_rps: float = 0.8  # unknown turning while the IMU is silent
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Nominal state with the covariance of its error."""
+
+    position_m: Array  # (3,) odom
+    velocity_mps: Array  # (3,) odom
+    quaternion: Array  # (4,) wxyz, body to odom
+    rotation: Array  # (3, 3) the same attitude as a matrix
+    gyroscope_bias_rps: Array  # (3,) body
+    accelerometer_bias_mps2: Array  # (3,) body
+    covariance: Array  # (15, 15)
+
+
+def _skew(v: Array) -> Array:
+    x, y, z = v.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _turned(q: Array, rotation_rad: Array) -> tuple[Array, Array]:
+    """Product q * exp(rotation), normalised, as quaternion and as matrix; scalars are faster here."""
+    aw, ax, ay, az = q.tolist()
+    rx, ry, rz = rotation_rad.tolist()
+    angle = math.sqrt(rx * rx + ry * ry + rz * rz)
+    s = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
+    bw, bx, by, bz = math.cos(0.5 * angle), rx * s, ry * s, rz * s
+    w = aw * bw - ax * bx - ay * by - az * bz
+    x = aw * bx + ax * bw + ay * bz - az * by
+    y = aw * by - ax * bz + ay * bw + az * bx
+    z = aw * bz + ax * by - ay * bx + az * bw
+    n = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
+    w, x, y, z = w * n, x * n, y * n, z * n
+    matrix = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return np.array([w, x, y, z]), matrix
+
+
+_IDENTITY_Q = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def _rotation_between(q: Array, target: Array) -> Array:
+    """Rotation vector in body (3,) [rad] that turns attitude `q` into `target`."""
+    aw, ax, ay, az = q.tolist()
+    bw, bx, by, bz = target.tolist()
+    w = aw * bw + ax * bx + ay * by + az * bz
+    x = aw * bx - ax * bw - ay * bz + az * by
+    y = aw * by + ax * bz - ay * bw - az * bx
+    z = aw * bz - ax * by + ay * bx - az * bw
+    n = math.sqrt(x * x + y * y + z * z)
+    if n < 1e-12:
+        return np.zeros(3)
+    scale = 2.0 * math.atan2(n, abs(w)) / n
+    return np.array([x, y, z]) * (scale if w >= 0.0 else -scale)
+
+
+def start(sample: VioSample, noise: Noise) -> State:
+    """The state that the first VIO sample tells."""
+    q, rotation = _turned(sample.quaternion, np.zeros(3))
+    covariance = np.zeros((15, 15))
+    covariance[:3, :3] = _floored(sample.covariance[:3, :3], noise.vio_position_floor_m)
+    covariance[R, R] = _floored(sample.covariance[3:, 3:], noise.vio_rotation_floor_rad)
+    for block, sigma in (
+        (V, noise.start_velocity_mps),
+        (BG, noise.start_gyroscope_bias_rps),
+        (BA, noise.start_accelerometer_bias_mps2),
+    ):
+        covariance[block, block] = np.eye(3) * sigma**2
+    return State(
+        sample.position_m.copy(),
+        sample.velocity_mps.copy(),
+        q,
+        rotation,
+        np.zeros(3),
+        np.zeros(3),
+        covariance,
+    )
+
+
+def advance(s: State, specific_force_mps2: Array, rate_rps: Array, dt_s: float, noise: Noise) -> State:
+    """Dead reckoning over `dt_s` with one mean IMU reading (body)."""
+    turn = (rate_rps - s.gyroscope_bias_rps) * dt_s
+    force = specific_force_mps2 - s.accelerometer_bias_mps2
+    _, half = _turned(s.quaternion, 0.5 * turn)  # attitude in the middle of the step
+    acceleration = half @ force - _UP
+    f = _EYE15.copy()
+    f[P, V] = _EYE * dt_s
+    f[V, R] = half @ _skew(force) * -dt_s
+    f[V, BA] = half * -dt_s
+    f[P, R] = f[V, R] * (0.5 * dt_s)
+    f[P, BA] = f[V, BA] * (0.5 * dt_s)
+    f[R, R] = _turned(_IDENTITY_Q, -turn)[1]
+    f[R, BG] = _EYE * -dt_s
+    covariance = f @ s.covariance @ f.T
+    covariance[_DIAGONAL, _DIAGONAL] += _process(noise, dt_s)
+    q, rotation = _turned(s.quaternion, turn)
+    return State(
+        s.position_m + s.velocity_mps * dt_s + acceleration * (0.5 * dt_s * dt_s),
+        s.velocity_mps + acceleration * dt_s,
+        q,
+        rotation,
+        s.gyroscope_bias_rps,
+        s.accelerometer_bias_mps2,
+        covariance,
+    )
+
+
+def coast(s: State, dt_s: float, noise: Noise) -> State:
+    """Go on at constant velocity and attitude over `dt_s` without an IMU, and admit how little is known."""
+    f = _EYE15.copy()
+    f[P, V] = _EYE * dt_s
+    covariance = f @ s.covariance @ f.T
+    q = _process(noise, dt_s)
+    q[P] += (0.5 * noise.blind_mps2 * dt_s * dt_s) ** 2
+    q[V] += (noise.blind_mps2 * dt_s) ** 2
+    q[R] += (noise.blind_rps * dt_s) ** 2
+    covariance[_DIAGONAL, _DIAGONAL] += q
+    return State(
+        s.position_m + s.velocity_mps * dt_s,
+        s.velocity_mps,
+        s.quaternion,
+        s.rotation,
+        s.gyroscope_bias_rps,
+        s.accelerometer_bias_mps2,
+        covariance,
+    )
+
+
+@functools.lru_cache(maxsize=8)
+def _densities(noise: Noise) -> Array:
+    """Diagonal of the process noise of one second, without that of the position, (15,)."""
+    out = np.zeros(15)
+    out[V] = noise.accelerometer_mps2_rthz**2
+    out[R] = noise.gyroscope_rps_rthz**2
+    out[BG] = noise.gyroscope_bias_rps2_rthz**2
+    out[BA] = noise.accelerometer_bias_mps3_rthz**2
+    return out
+
+
+def _process(noise: Noise, dt_s: float) -> Array:
+    """Diagonal of the process noise of one step, (15,)."""
+    out: Array = _densities(noise) * dt_s
+    out[P] = out[V] * (dt_s * dt_s / 3.0)
+    return out
+
+
+def _floored(covariance: Array, sigma: float) -> Array:
+    """`covariance` (3, 3) with no variance below sigma squared."""
+    out = covariance.copy()
+    i = np.arange(3)
+    out[i, i] = np.maximum(out[i, i], sigma**2)
+    return out
+
+
+def correct_vio(s: State, sample: VioSample, gate: float, noise: Noise) -> tuple[State, float]:
+    """Take in a VIO pose at the state's own instant unless its squared Mahalanobis distance is above `gate`.
+
+    Returns:
+        The new state (the same object when gated) and the distance, chi-square of 9 if all is well.
+    """
+    r = np.empty(9)
+    r[:3] = sample.position_m - s.position_m
+    r[3:6] = sample.velocity_mps - s.velocity_mps
+    r[6:] = _rotation_between(s.quaternion, sample.quaternion)
+    innovation = s.covariance[:9, :9].copy()
+    innovation[:3, :3] += _floored(sample.covariance[:3, :3], noise.vio_position_floor_m)
+    innovation[V, V] += np.eye(3) * noise.vio_velocity_mps**2
+    innovation[R, R] += _floored(sample.covariance[3:, 3:], noise.vio_rotation_floor_rad)
+    cross = sample.covariance[:3, 3:]
+    innovation[:3, 6:] += cross
+    innovation[6:, :3] += cross.T
+    inverse = np.linalg.inv(innovation)
+    distance = float(r @ inverse @ r)
+    if not distance <= gate:
+        return s, distance
+    gain = s.covariance[:, :9] @ inverse
+    return _injected(s, gain @ r, s.covariance - gain @ s.covariance[:9, :]), distance
+
+
+def correct_wheels(
+    s: State, speed_mps: float, gate_speed: float, gate_side: float, noise: Noise
+) -> tuple[State, float, float]:
+    """Take in the wheels: forward speed as measured, none sideways and none upwards (body frame).
+
+    The two parts are gated apart, so that a spinning wheel does not cost the sideways constraint.
+
+    Args:
+        s: State at the instant of the measurement.
+        speed_mps: Forward speed by the encoders.
+        gate_speed: Largest believed squared Mahalanobis distance of the speed, chi-square of 1.
+        gate_side: The same of the sideways and upward constraint, chi-square of 2.
+        noise: What to believe.
+
+    Returns:
+        The new state (the same object when both are gated) and the two distances.
+    """
+    body = s.rotation.T @ s.velocity_mps
+    h = np.empty((3, 6))  # with respect to velocity and rotation
+    h[:, :3] = s.rotation.T
+    h[:, 3:] = _skew(body)
+    r = -body
+    r[0] += speed_mps
+    cross = s.covariance[:, 3:9] @ h.T
+    innovation = h @ cross[3:9]
+    sigma = noise.wheel_speed_mps + noise.wheel_speed_share * abs(speed_mps)
+    innovation[0, 0] += sigma * sigma
+    innovation[1, 1] += noise.wheel_side_mps**2
+    innovation[2, 2] += noise.wheel_up_mps**2
+    _, left, up = r.tolist()
+    (_, _, _), (_, a, b), (_, _, c) = innovation.tolist()
+    speed_distance = float(r[0] * r[0] / innovation[0, 0])
+    side_distance = (c * left * left - 2.0 * b * left * up + a * up * up) / (a * c - b * b)
+    rows = [0] * (speed_distance <= gate_speed) + [1, 2] * (side_distance <= gate_side)
+    if not rows:
+        return s, speed_distance, side_distance
+    if len(rows) < 3:
+        r, cross, innovation = r[rows], cross[:, rows], innovation[np.ix_(rows, rows)]
+    gain = cross @ np.linalg.inv(innovation)
+    after = _injected(s, gain @ r, s.covariance - gain @ cross.T)
+    return after, speed_distance, side_distance
+
+
+def _injected(s: State, error: Array, covariance: Array) -> State:
+    """The nominal state with its estimated error moved in."""
+    q, rotation = _turned(s.quaternion, error[R])
+    return State(
+        s.position_m + error[P],
+        s.velocity_mps + error[V],
+        q,
+        rotation,
+        s.gyroscope_bias_rps + error[BG],
+        s.accelerometer_bias_mps2 + error[BA],
+        0.5 * (covariance + covariance.T),
+    )
