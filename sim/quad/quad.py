@@ -1,0 +1,184 @@
+"""`Quad`: the JSBSim model in world coordinates (ENU, metres), stepped at 250 Hz.
+
+JSBSim knows places as latitude and longitude on a planet. Ours is a sphere at rest (`planet.xml`), and the
+world's origin lies at latitude 0, longitude 0, height 0: east = R*longitude and north = R*latitude hold to
+0.1 mm within a kilometre. A reset is a new initial condition (3 ms), never a reload.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import jsbsim
+import numpy as np
+
+from labr_autonomy.errors import BadInput
+from labr_autonomy.frames import quaternion_enu_flu_to_ned_frd, quaternion_from_rpy, quaternion_ned_frd_to_enu_flu
+from labr_autonomy.types import Array
+from sim.quad.state import QuadState
+
+STEP_S = 0.004
+G_MPS2 = 9.80665
+_ROOT = Path(__file__).with_name("jsbsim")
+_RADIUS_M = 6_371_000.0  # planet.xml
+_FOOT_M = 0.3048
+_POUND_N = 4.4482216152605
+_MOTORS = range(4)
+
+
+def _silence() -> None:
+    """Keep JSBSim's banner off the terminal; errors still show."""
+    logger = jsbsim.DefaultLogger()
+    logger.set_min_level(jsbsim.LogLevel.ERROR)
+    jsbsim.set_logger(logger)
+
+
+class Quad:
+    """The quad's physics.
+
+    Args:
+        step_s: Integration step [s]; fixed for the life of the object, because JSBSim bakes it into filters.
+    """
+
+    def __init__(self, step_s: float = STEP_S) -> None:
+        self.step_s = step_s
+        self._floor_m = 0.0
+        _silence()
+        model = jsbsim.FGFDMExec(str(_ROOT))
+        model.set_debug_level(0)
+        if not model.load_planet(str(_ROOT / "planet.xml"), False):
+            raise BadInput(f"JSBSim does not load {_ROOT / 'planet.xml'}", "Reinstall the project.")
+        model.set_dt(step_s)  # before load_model
+        if not model.load_model("labr_quad"):
+            raise BadInput(f"JSBSim does not load the model labr_quad in {_ROOT}", "Reinstall the project.")
+        self._model = model
+        self._state: QuadState | None = None
+        self.reset(np.array([0.0, 0.0, 0.12]), 0.0)
+
+    @property
+    def state(self) -> QuadState:
+        """True state after the last step."""
+        if self._state is None:
+            self._state = self._read()
+        return self._state
+
+    def reset(self, position_m: Array, yaw_rad: float, *, quaternion: Array | None = None) -> None:
+        """Place the robot at rest with still rotors.
+
+        Args:
+            position_m: (3,) body origin, world [m].
+            yaw_rad: Heading, world [rad]; ignored when `quaternion` is given.
+            quaternion: (4,) wxyz, body to world; level when omitted.
+        """
+        model = self._model
+        if quaternion is None:
+            quaternion = quaternion_from_rpy(0.0, 0.0, yaw_rad)
+        phi, theta, psi = _euler(quaternion_enu_flu_to_ned_frd(quaternion))
+        model["ic/lat-geod-rad"] = float(position_m[1]) / _RADIUS_M
+        model["ic/long-gc-rad"] = float(position_m[0]) / _RADIUS_M
+        model["ic/terrain-elevation-ft"] = self._floor_m / _FOOT_M
+        model["ic/h-sl-ft"] = float(position_m[2]) / _FOOT_M
+        model["ic/phi-rad"], model["ic/theta-rad"], model["ic/psi-true-rad"] = phi, theta, psi
+        for name in ("u-fps", "v-fps", "w-fps", "p-rad_sec", "q-rad_sec", "r-rad_sec"):
+            model["ic/" + name] = 0.0
+        for i in _MOTORS:
+            model[f"esc/cmd-norm[{i}]"] = 0.0
+        if not model.run_ic():
+            raise BadInput(
+                f"JSBSim refuses to start at {np.round(position_m, 3).tolist()} m", "Choose another start pose."
+            )
+        model["propulsion/set-running"] = -1
+        self._state = None
+        # The accelerometer of the initial condition is left over from the moment before it.
+        contact = self._read()
+        rest = np.array([0.0, 0.0, G_MPS2 if contact.position_m[2] - self._floor_m <= 0.1221 else 0.0])
+        self._state = QuadState(
+            position_m=np.asarray(position_m, dtype=float).copy(),
+            velocity_mps=np.zeros(3),
+            quaternion=quaternion / np.linalg.norm(quaternion),
+            angular_velocity_rps=np.zeros(3),
+            specific_force_mps2=rest,
+            electrical_w=0.0,
+            wheel_load_n=np.full(4, 0.25 * 3.4 * rest[2]),
+        )
+
+    def set_floor(self, z_m: float) -> None:
+        """Height of the floor under the robot, world z [m]; may change from step to step."""
+        self._floor_m = z_m
+        self._model["position/terrain-elevation-asl-ft"] = z_m / _FOOT_M
+
+    def set_wind(self, wind_mps: Array) -> None:
+        """Velocity of the air, world (3,) [m/s]."""
+        self._model["atmosphere/wind-east-fps"] = float(wind_mps[0]) / _FOOT_M
+        self._model["atmosphere/wind-north-fps"] = float(wind_mps[1]) / _FOOT_M
+        self._model["atmosphere/wind-down-fps"] = -float(wind_mps[2]) / _FOOT_M
+
+    def set_volts(self, volts: float) -> None:
+        """Terminal voltage of the pack [V]."""
+        self._model["battery/volts"] = volts
+
+    def step(self, motor_commands: Array) -> QuadState:
+        """Advance by one step.
+
+        Args:
+            motor_commands: (4,) duty 0..1 of front right, rear left, front left, rear right (PX4's order).
+
+        Returns:
+            The state after the step.
+        """
+        model = self._model
+        for i in _MOTORS:
+            model[f"esc/cmd-norm[{i}]"] = float(motor_commands[i])
+        model.run()
+        self._state = self._read()
+        return self._state
+
+    def _read(self) -> QuadState:
+        m = self._model
+        ned_frd = quaternion_from_rpy(m["attitude/phi-rad"], m["attitude/theta-rad"], m["attitude/psi-rad"])
+        return QuadState(
+            position_m=np.array(
+                [
+                    m["position/long-gc-rad"] * _RADIUS_M,
+                    m["position/lat-geod-rad"] * _RADIUS_M,
+                    m["position/h-sl-ft"] * _FOOT_M,
+                ]
+            ),
+            velocity_mps=_FOOT_M
+            * np.array(
+                [m["velocities/v-east-fps"], m["velocities/v-north-fps"], -m["velocities/v-down-fps"]],
+            ),
+            quaternion=quaternion_ned_frd_to_enu_flu(ned_frd),
+            angular_velocity_rps=np.array(
+                [m["velocities/p-rad_sec"], -m["velocities/q-rad_sec"], -m["velocities/r-rad_sec"]]
+            ),
+            specific_force_mps2=_FOOT_M
+            * np.array(
+                [
+                    m["accelerations/a-pilot-x-ft_sec2"],
+                    -m["accelerations/a-pilot-y-ft_sec2"],
+                    -m["accelerations/a-pilot-z-ft_sec2"],
+                ]
+            ),
+            electrical_w=m["esc/watts"],
+            wheel_load_n=self._loads(),
+        )
+
+    def _loads(self) -> Array:
+        """Load of each wheel [N]: the vertical contact force, shared by how far each spring is pressed in."""
+        m = self._model
+        pressed = np.array([max(0.0, m[f"contact/unit[{i}]/compression-ft"]) for i in _MOTORS])
+        total = float(pressed.sum())
+        if total <= 0.0:
+            return np.zeros(4)
+        out: Array = pressed / total * max(0.0, -m["forces/fbz-gear-lbs"] * _POUND_N)
+        return out
+
+
+def _euler(q: Array) -> tuple[float, float, float]:
+    """Roll, pitch and heading [rad] of a NED-FRD quaternion, z-y-x."""
+    w, x, y, z = (float(v) for v in q)
+    phi = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    theta = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
+    return phi, theta, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
