@@ -1,0 +1,480 @@
+"""The pilot: one look at the robot in, one set of commands out. No I/O, no clock, no simulator.
+
+It joins the pure machines (steps, failsafe, mode decision, transition) and holds the trajectory that is
+being followed. The executive feeds it at 50 Hz; a lock-step runner can feed it from a simulated clock.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.frames import yaw_of
+from labr_autonomy.ground.tracking import LOST_M, follow
+from labr_autonomy.guard import failsafe
+from labr_autonomy.guard.failsafe import Reaction
+from labr_autonomy.guard.fence import Zone
+from labr_autonomy.guard.setpoint import check_setpoint
+from labr_autonomy.mission import steps
+from labr_autonomy.mission.steps import Kind, Policy, Status, Step
+from labr_autonomy.modes import decision, transition
+from labr_autonomy.modes.energy import EnergyModel
+from labr_autonomy.modes.transition import Command, Phase
+from labr_autonomy.modes.vertical import vertical
+from labr_autonomy.planner.messages import Motion, PlanRequest, PlanResult
+from labr_autonomy.types import Array, Mode, Odometry, Pose, SetPoint, Trajectory
+
+PLAN_LEAD_S = 0.08  # a new trajectory begins this long after its request
+LIFT_MIN_M = 0.8  # a hop is never lower than this above driving height
+LIFT_TRAVEL_M = 1.2  # height to travel at when the goal itself is on the floor
+PRESS_DOWN_M = 0.3  # a landing aims this far below the floor, so that the weight comes onto the wheels
+DESCEND_MPS = 0.4
+STOPPED_MPS = 0.03
+FLOOR_GAIN = 0.02  # a tick; how quickly the floor's height follows the standing body
+TAKE_OFFS_MAX = 3  # refused that often, the mission has failed
+TAKEOVER_S = 1.5  # the autopilot's mode arrives with its 1 Hz heartbeat
+FRESH_ERROR_M = 0.25  # further off its trajectory than this, the robot is planned from where it is
+
+
+class Order(enum.IntEnum):
+    """What the operator asked for, by severity."""
+
+    FLY = 0
+    HOLD = 1
+    LAND = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Everything the pilot may know at one instant."""
+
+    odometry: Odometry | None  # predicted to now
+    wheel_speed_mps: float
+    wheel_yaw_rate_rps: float
+    wheel_load: bool
+    armed: bool
+    autopilot_mode: str  # "offboard", "land", ...
+    landed: bool
+    health: failsafe.Health
+    order: Order = Order.FLY
+
+
+@dataclass(frozen=True, slots=True)
+class Actions:
+    """What leaves now. Wheels get a command in every tick; the rotors only where `air` is set."""
+
+    speed_mps: float
+    yaw_rate_rps: float
+    engaged: bool
+    air_lock: bool
+    air: SetPoint | None
+    reference: SetPoint | None  # what is being followed, for the log
+    command: Command | None
+    events: tuple[str, ...]
+    reached: Step | None
+    phase: Phase
+    mode: Mode
+    step: Step | None
+    distance_m: float
+    reaction: Reaction
+    plan_used_s: float | None  # exposure stamp of the depth frame behind the followed plan
+    finished: bool
+
+
+class Pilot:
+    """Flies one mission.
+
+    Args:
+        config: The robot.
+        mission: Steps in order.
+        zones: Fences.
+        duration_s: The mission comes down and ends after this.
+    """
+
+    def __init__(
+        self,
+        config: RobotConfig,
+        mission: Sequence[Step],
+        zones: Sequence[Zone],
+        duration_s: float = math.inf,
+    ) -> None:
+        self._config = config
+        self._mission = tuple(mission)
+        self._zones = tuple(zones)
+        self._duration_s = duration_s
+        self._energy = EnergyModel.of(config)
+        self.steps = steps.State()
+        self.transition = transition.State()
+        self.failsafe = failsafe.State()
+        self._decision = decision.State()
+        self._facts: PlanResult | None = None
+        self._wants = Mode.LAND
+        self._trajectory: Trajectory | None = None
+        self._frame_stamp_s: float | None = None
+        self._hold: SetPoint | None = None
+        self._floor_z_m: float | None = None
+        self._fresh = True
+        self._refused = 0
+        self._started_s: float | None = None
+        self._commanded_land = False
+        self._off_mode_since_s: float | None = None
+        self._guard_said = ""
+        self.failure = ""
+
+    @property
+    def mode(self) -> Mode:
+        """Land while the wheels carry the robot or could, air otherwise."""
+        return Mode.LAND if self.transition.phase in (Phase.DRIVING, Phase.STOPPING) else Mode.AIR
+
+    @property
+    def floor_z_m(self) -> float:
+        """Floor below the robot, odom."""
+        return 0.0 if self._floor_z_m is None else self._floor_z_m
+
+    @property
+    def planning_mode(self) -> Mode | None:
+        """Mode to plan for now; None while the transition flies by itself."""
+        return {Phase.DRIVING: Mode.LAND, Phase.FLYING: Mode.AIR}.get(self.transition.phase)
+
+    def taken_over(self, look_mode: str, now_s: float) -> str:
+        """Name of the mode the autopilot went to by itself, "" while it follows."""
+        flying = self.transition.phase in (Phase.LIFTING, Phase.FLYING)
+        if not flying or self._commanded_land or look_mode in ("offboard", ""):
+            self._off_mode_since_s = None
+            return ""
+        if self._off_mode_since_s is None:
+            self._off_mode_since_s = now_s
+        return look_mode if now_s - self._off_mode_since_s > TAKEOVER_S else ""
+
+    # ------------------------------------------------------------------ the tick
+    def tick(self, look: Look, now_s: float) -> Actions:
+        """Decide what leaves at `now_s`."""
+        events: list[str] = []
+        self._started_s = now_s if self._started_s is None else self._started_s
+        before = self.failsafe
+        self.failsafe = failsafe.step(self.failsafe, look.health, now_s)
+        if self.failsafe.reaction is not before.reaction and self.failsafe.sentence:
+            events.append(f"{self.failsafe.reaction.name.lower()}: {self.failsafe.sentence}")
+        if look.odometry is None:
+            return self._idle(tuple(events))
+        self._follow_floor(look.odometry)
+        progress = self._progress(look, now_s, events)
+        wants = self._wanted(progress.step, look.order, now_s, events)
+        outputs = self._hand_over(look, progress.step, wants, now_s, events)
+        return self._command(look, outputs, progress, now_s, events)
+
+    def _idle(self, events: tuple[str, ...]) -> Actions:
+        return Actions(
+            0.0, 0.0, False, self.mode is Mode.AIR, None, None, None, events, None, self.transition.phase,
+            self.mode, None, 0.0, self.failsafe.reaction, None, self._finished(),
+        )  # fmt: skip
+
+    def _follow_floor(self, odometry: Odometry) -> None:
+        if self.transition.phase is not Phase.DRIVING:
+            return
+        floor = float(odometry.pose.position_m[2]) - self._config.body.below_m
+        if self._floor_z_m is None:
+            self._floor_z_m = floor
+        self._floor_z_m += FLOOR_GAIN * (floor - self._floor_z_m)
+
+    def _progress(self, look: Look, now_s: float, events: list[str]) -> steps.Outputs:
+        assert look.odometry is not None
+        inputs = steps.Inputs(
+            position_m=look.odometry.pose.position_m,
+            speed_mps=float(np.linalg.norm(look.odometry.velocity_mps)),
+            mode=self.mode,
+            settled=self.transition.phase in (Phase.DRIVING, Phase.FLYING),
+        )
+        index = self.steps.index
+        self.steps, progress = steps.step(self.steps, self._mission, inputs, now_s)
+        if progress.say:
+            events.append(progress.say)
+        if self.steps.index != index:
+            self._facts = None
+            self._fresh = True
+        if progress.failed:
+            self.failure = progress.say
+        if self._started_s is not None and now_s - self._started_s > self._duration_s and not self.failure:
+            self.failure = f"mission took longer than {self._duration_s:.0f} s"
+            events.append(self.failure)
+            self.steps = replace(self.steps, status=Status.FAILED)
+        return progress
+
+    def _wanted(self, step: Step | None, order: Order, now_s: float, events: list[str]) -> Mode:
+        """Mode that mission, operator and failsafe ask for."""
+        if self.failsafe.reaction >= Reaction.LAND or order is Order.LAND:
+            return Mode.LAND
+        if step is None:
+            return Mode.LAND if self.steps.status is not Status.HOLDING else self.mode
+        if step.kind is Kind.LAND or step.policy is Policy.GROUND:
+            return Mode.LAND
+        if step.kind is Kind.WAIT or order is Order.HOLD or self.failsafe.reaction is Reaction.HOLD:
+            return self._wants if self.transition.phase not in (Phase.DRIVING, Phase.FLYING) else self.mode
+        if step.policy is Policy.AIR:
+            return Mode.AIR
+        facts = self._decision_facts(step)
+        if facts is not None:
+            self._decision, wanted = decision.step(self._decision, facts, self._energy, now_s)
+            if wanted is not facts.mode and wanted is not self._wants:
+                where = f"lift-off {facts.lift_off_m:.1f} m ahead, goal {facts.goal_distance_xy_m:.1f} m off"
+                events.append(f"{wanted.value} wanted: {where}")
+            self._wants = wanted
+        return self._wants
+
+    def _decision_facts(self, step: Step) -> decision.Facts | None:
+        plan = self._facts
+        if plan is None or self.transition.phase not in (Phase.DRIVING, Phase.FLYING) or step.goal_m is None:
+            return None
+        here = plan.network.points_m[0] if self._odometry is None else self._odometry.pose.position_m
+        return decision.Facts(
+            mode=self.mode,
+            goal_in_air=step.in_air,
+            goal_distance_xy_m=float(np.hypot(*(step.goal_m[:2] - here[:2]))),
+            lift_off_m=plan.lift_off_m,
+            land_path_ends=plan.land_path_ends,
+            take_off_clear=plan.take_off_clear,
+            landing_clear=plan.landing_clear,
+        )
+
+    _odometry: Odometry | None = None
+
+    def _hand_over(
+        self, look: Look, step: Step | None, wants: Mode, now_s: float, events: list[str]
+    ) -> transition.Outputs:
+        assert look.odometry is not None
+        self._odometry = look.odometry
+        before = self.transition.phase
+        inputs = transition.Inputs(
+            wants=wants,
+            wheels_stopped=abs(look.wheel_speed_mps) < STOPPED_MPS,
+            armed=look.armed,
+            offboard=look.autopilot_mode == "offboard",
+            height_m=self._height_m(look.odometry),
+            lift_height_m=self.lift_to_m(step) - self._drive_z_m - 0.1,
+            v_down_mps=-float(look.odometry.velocity_mps[2]),
+            landed=look.landed,
+            wheel_load=look.wheel_load,
+        )
+        self.transition, outputs = transition.step(self.transition, inputs, now_s)
+        if outputs.say:
+            events.append(outputs.say)
+        if outputs.command is Command.LAND:
+            self._commanded_land = True
+        if self.transition.phase is not before:
+            self._enter(self.transition.phase, before, look.odometry, step, now_s, events)
+        return outputs
+
+    def _enter(
+        self,
+        phase: Phase,
+        before: Phase,
+        odometry: Odometry,
+        step: Step | None,
+        now_s: float,
+        events: list[str],
+    ) -> None:
+        position, yaw = odometry.pose.position_m, yaw_of(odometry.pose.quaternion)
+        self._fresh = True
+        match phase:
+            case Phase.DRIVING | Phase.STOPPING:
+                self._trajectory = None
+                self._commanded_land = False
+                self._wants = Mode.LAND
+            case Phase.ARMING:
+                self._trajectory = None
+                self._hold = _rest(position, yaw, now_s)
+            case Phase.LIFTING:
+                self._refused = 0
+                start = position if self._hold is None else self._hold.position_m
+                self._trajectory = vertical(
+                    start, yaw, self.lift_to_m(step), self._config.air.climb_mps, now_s
+                )
+            case Phase.FLYING:
+                self._hold = self._reference(now_s)
+                self._commanded_land = False
+            case Phase.DESCENDING:
+                start = (
+                    self._reference(now_s).position_m if before in (Phase.FLYING, Phase.LIFTING) else position
+                )
+                bottom = self._drive_z_m - PRESS_DOWN_M
+                self._trajectory = vertical(start, yaw, bottom, DESCEND_MPS, now_s)
+            case Phase.DISARMING if before is Phase.ARMING:
+                self._refused += 1
+                if self._refused >= TAKE_OFFS_MAX:
+                    self.failure = f"the autopilot did not arm in {self._refused} tries"
+                    events.append(self.failure)
+                    self.steps = replace(self.steps, status=Status.FAILED)
+            case _:
+                pass
+
+    # ------------------------------------------------------------------ set-points
+    def _command(
+        self,
+        look: Look,
+        outputs: transition.Outputs,
+        progress: steps.Outputs,
+        now_s: float,
+        events: list[str],
+    ) -> Actions:
+        speed = turn = 0.0
+        air: SetPoint | None = None
+        reference: SetPoint | None = None
+        held = self.failsafe.reaction is not Reaction.NONE or look.order is not Order.FLY
+        if outputs.wheels and not held and progress.step is not None and progress.step.kind is Kind.GOTO:
+            reference, speed, turn = self._drive(look, now_s, events)
+        elif outputs.rotors and self.failsafe.reaction is not Reaction.YIELD:
+            reference = air = self._fly(held or progress.step is None, now_s, events)
+        return Actions(
+            speed_mps=speed,
+            yaw_rate_rps=turn,
+            engaged=outputs.wheels or self.transition.phase is Phase.STOPPING,
+            air_lock=outputs.rotors,
+            air=air,
+            reference=reference,
+            command=outputs.command,
+            events=tuple(events),
+            reached=progress.reached,
+            phase=self.transition.phase,
+            mode=self.mode,
+            step=progress.step,
+            distance_m=progress.distance_m,
+            reaction=self.failsafe.reaction,
+            plan_used_s=self._frame_stamp_s,
+            finished=self._finished(),
+        )
+
+    def _drive(self, look: Look, now_s: float, events: list[str]) -> tuple[SetPoint | None, float, float]:
+        if self._trajectory is None or self._trajectory.mode is not Mode.LAND or look.odometry is None:
+            return None, 0.0, 0.0
+        pose = look.odometry.pose
+        reference = self._trajectory.sample(now_s)
+        wanted = follow(
+            reference, float(pose.position_m[0]), float(pose.position_m[1]), yaw_of(pose.quaternion)
+        )
+        if wanted.error_m > LOST_M:
+            events.append(f"{wanted.error_m:.2f} m off the trajectory; planning anew")
+            self._trajectory, self._fresh = None, True
+            return None, 0.0, 0.0
+        asked = replace(reference, speed_mps=wanted.speed_mps, yaw_rate_rps=wanted.yaw_rate_rps)
+        checked = self._checked(asked, now_s, events)
+        return (
+            (reference, 0.0, 0.0) if checked is None else (reference, checked.speed_mps, checked.yaw_rate_rps)
+        )
+
+    def _fly(self, held: bool, now_s: float, events: list[str]) -> SetPoint | None:
+        if self.transition.phase is Phase.FLYING and held:
+            if self._hold is None:
+                self._hold = _rest(self._reference(now_s).position_m, self._reference(now_s).yaw_rad, now_s)
+            self._trajectory, self._fresh = None, True
+        return self._checked(self._reference(now_s), now_s, events)
+
+    def _reference(self, now_s: float) -> SetPoint:
+        """The followed air set-point: the trajectory, else the place to hold."""
+        if self._trajectory is not None and self._trajectory.mode is Mode.AIR:
+            return self._trajectory.sample(now_s)
+        assert self._hold is not None, "rotors are commanded from ARMING on, which sets the place to hold"
+        return replace(self._hold, stamp_s=now_s)
+
+    def _checked(self, setpoint: SetPoint, now_s: float, events: list[str]) -> SetPoint | None:
+        verdict = check_setpoint(setpoint, self._config, self._zones, self.floor_z_m, now_s)
+        if verdict.setpoint is None and verdict.reason[:20] != self._guard_said:
+            events.append(f"guard: {verdict.reason}")
+        self._guard_said = verdict.reason[:20]
+        return verdict.setpoint
+
+    # ------------------------------------------------------------------ planning
+    def request(
+        self, sequence: int, frame_sequence: int, frame_pose: Pose, odometry: Odometry, now_s: float
+    ) -> PlanRequest | None:
+        """What to plan next; None when there is nothing to plan for."""
+        step = self._mission[self.steps.index] if self.steps.index < len(self._mission) else None
+        goal = odometry.pose.position_m if step is None or step.goal_m is None else step.goal_m
+        mode = self.planning_mode or Mode.AIR
+        fresh, self._fresh = self._fresh, False
+        start_s = now_s + PLAN_LEAD_S
+        return PlanRequest(
+            sequence=sequence,
+            frame_sequence=frame_sequence,
+            frame_pose=frame_pose,
+            body_pose=odometry.pose,
+            start_s=start_s,
+            motion=self._motion_at(start_s, odometry, now_s),
+            mode=mode,
+            goal_m=goal,
+            goal_in_air=step is not None and step.in_air,
+            floor_z_m=self.floor_z_m,
+            lift_to_m=self.lift_to_m(step),
+            land_speed_mps=self._config.land.speed_mps,
+            air_speed_mps=self._config.air.speed_mps,
+            fresh=fresh,
+        )
+
+    def accept(self, result: PlanResult) -> None:
+        """Take over a plan that came back."""
+        self._facts = result
+        plan = result.trajectory
+        if plan is None or plan.mode is not self.planning_mode:
+            return
+        self._trajectory = plan
+        self._frame_stamp_s = result.frame_stamp_s
+        if plan.mode is Mode.AIR:
+            self._hold = None
+
+    def _motion_at(self, start_s: float, odometry: Odometry, now_s: float) -> Motion:
+        """Where the robot will be: on its trajectory while it tracks it, else where it is."""
+        plan = self._trajectory if self._trajectory is not None else None
+        position, yaw = odometry.pose.position_m, yaw_of(odometry.pose.quaternion)
+        if plan is not None and plan.mode is self.planning_mode:
+            now = plan.sample(now_s)
+            axes = 2 if plan.mode is Mode.LAND else 3
+            if float(np.linalg.norm(now.position_m[:axes] - position[:axes])) < FRESH_ERROR_M:
+                then = plan.sample(start_s)
+                there = then.position_m.copy()
+                if plan.mode is Mode.LAND:
+                    there[2] = position[2]
+                return Motion(
+                    there,
+                    then.velocity_mps,
+                    then.acceleration_mps2,
+                    then.yaw_rad,
+                    then.yaw_rate_rps,
+                    then.speed_mps,
+                )
+        if self.planning_mode is Mode.AIR and self._hold is not None:
+            return Motion(self._hold.position_m, np.zeros(3), np.zeros(3), self._hold.yaw_rad, 0.0, 0.0)
+        velocity = odometry.velocity_mps
+        speed = float(velocity[0] * math.cos(yaw) + velocity[1] * math.sin(yaw))
+        rate = float(odometry.angular_velocity_rps[2])
+        return Motion(position, velocity, np.zeros(3), yaw, rate, speed)
+
+    # ------------------------------------------------------------------ small things
+    @property
+    def _drive_z_m(self) -> float:
+        return self.floor_z_m + self._config.body.below_m
+
+    def _height_m(self, odometry: Odometry) -> float:
+        return float(odometry.pose.position_m[2]) - self._drive_z_m
+
+    def lift_to_m(self, step: Step | None) -> float:
+        """Height of the body in odom that a take-off climbs to."""
+        ceiling = self.floor_z_m + self._config.air.height_max_m
+        travel = self._drive_z_m + LIFT_TRAVEL_M
+        wanted = (
+            float(step.goal_m[2]) if step is not None and step.in_air and step.goal_m is not None else travel
+        )
+        return min(max(wanted, self._drive_z_m + LIFT_MIN_M), ceiling)
+
+    def _finished(self) -> bool:
+        """The mission is over and the robot stands on its wheels."""
+        over = self.steps.status in (Status.DONE, Status.FAILED) or self.failsafe.reaction >= Reaction.LAND
+        return over and self.transition.phase is Phase.DRIVING
+
+
+def _rest(position_m: Array, yaw_rad: float, now_s: float) -> SetPoint:
+    zero = np.zeros(3)
+    return SetPoint(now_s, Mode.AIR, position_m.copy(), zero, zero, yaw_rad, 0.0, 0.0)

@@ -1,0 +1,292 @@
+"""One planning cycle: depth image and pose in, trajectory out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from labr_autonomy.clock import SystemClock
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.frames import level_to_odom, odom_to_level, wrap_pi, yaw_of
+from labr_autonomy.gkpn.infer import GkpnOnnx
+from labr_autonomy.modes.decision import classify, lift_off_distance_m
+from labr_autonomy.perception.fields import Field2, Field3
+from labr_autonomy.perception.rolling_map import RollingMap
+from labr_autonomy.planner import routes
+from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
+from labr_autonomy.refine.cost_to_go import CostToGo
+from labr_autonomy.refine.planner import Refiner
+from labr_autonomy.refine.search import to_key_points
+from labr_autonomy.refine.values import AirState, LandState, RefineResult
+from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Pose, Source, Trajectory
+
+NETWORK_RANGE_M = 8.0  # farther goals are shown to the network at this distance, on the floor
+GOAL_JOIN_M = 0.6  # a path that ends this near the goal ends at it
+ROUTE_EVERY_S = 0.4  # the map's shortest ways are searched this often
+ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow
+PUSH_M = 0.08  # by so much the refiner pushes a path out of obstacles
+UNDER_GOAL_M = 2.5  # how far from below an air goal the drive may end
+AT_END_M = 0.35
+FIELD_HALF_M = (3.5, 3.5)
+MAP_EVERY_S = 1.0
+
+
+class Pipeline:
+    """State of the planner between cycles: map, previous trajectory, route memory.
+
+    Args:
+        config: The robot.
+    """
+
+    def __init__(self, config: RobotConfig) -> None:
+        self._config = config
+        self._clock = SystemClock()
+        self._map = RollingMap(config)
+        self._map.warm_up()
+        self._network = GkpnOnnx()
+        self._refiner = Refiner(config)
+        self._previous: Trajectory | None = None
+        self._route = routes.State()
+        self._ways: CostToGo | None = None
+        self._ways_s = -math.inf
+        self._ways_goal: Array | None = None
+        self._seen = -1
+        self._drawn_s = -math.inf
+
+    def cycle(self, request: PlanRequest, frame: DepthFrame | None) -> PlanResult:
+        """Plan once; without a frame (overwritten or not there yet) from the map as it is."""
+        now = self._clock.now_s
+        began_s = now()
+        if frame is not None and frame.sequence != self._seen:
+            self._seen = frame.sequence
+            self._map.update(frame, request.frame_pose, request.floor_z_m)
+            self._map.clear_robot(request.body_pose)
+        mapped_s = now()
+        network = self._ask_network(request, frame)
+        thought_s = now()
+        if request.fresh or (self._previous is not None and self._previous.mode is not request.mode):
+            self._previous = None
+        field = self._map.land_field(request.body_pose, request.floor_z_m)
+        self._update_ways(request, field)
+        drive_z_m = request.floor_z_m + self._config.body.below_m
+        air = classify(network.points_m, drive_z_m)
+        plan = self._drive if request.mode is Mode.LAND else self._fly
+        followed, refined, routed_s, why = plan(request, network, air, field)
+        done_s = now()
+        self._previous = refined.trajectory
+        return PlanResult(
+            sequence=request.sequence,
+            frame_stamp_s=frame.stamp_s if frame is not None else math.nan,
+            trajectory=refined.trajectory,
+            network=network,
+            followed=followed,
+            source=refined.source,
+            clearance_m=refined.clearance_m,
+            reason="; ".join(part for part in (why, refined.reason) if part),
+            lift_off_m=self._lift_off_m(request, network, air),
+            land_path_ends=self._land_path_ends(request),
+            take_off_clear=self._column_clear(request, request.lift_to_m),
+            landing_clear=self._column_clear(request, float(request.body_pose.position_m[2])),
+            timings=Timings(
+                mapped_s - began_s,
+                thought_s - mapped_s,
+                routed_s - thought_s,
+                done_s - routed_s,
+                done_s - began_s,
+            ),
+            map_xy_m=self._map_now_and_then(field, done_s),
+        )
+
+    # ------------------------------------------------------------------ first stage
+    def _ask_network(self, request: PlanRequest, frame: DepthFrame | None) -> KeyPoints:
+        goal = self._shown_goal(request)
+        pose = request.body_pose
+        level = odom_to_level(goal, pose)
+        if frame is None:
+            straight = level[None] * np.linspace(0.2, 1.0, 5)[:, None]
+            points, mu = straight, 1.0  # no image: a path that is not to be used
+        else:
+            points, mu, _ = self._network.predict(frame.depth_m, frame.intrinsics, level)
+        points = np.array(level_to_odom(points, pose))
+        if float(np.linalg.norm(points[-1, :2] - goal[:2])) < GOAL_JOIN_M:
+            points[-1, :2] = goal[:2]
+        drive_z_m = request.floor_z_m + self._config.body.below_m
+        return KeyPoints(points, classify(points, drive_z_m), float(mu), Source.GKPN)
+
+    def _shown_goal(self, request: PlanRequest) -> Array:
+        """The goal as the network sees it: within its range, a land goal at driving height."""
+        drive_z_m = request.floor_z_m + self._config.body.below_m
+        goal = np.array(
+            [request.goal_m[0], request.goal_m[1], request.goal_m[2] if request.goal_in_air else drive_z_m]
+        )
+        away = goal[:2] - request.body_pose.position_m[:2]
+        distance = float(np.hypot(*away))
+        if distance > NETWORK_RANGE_M:
+            goal[:2] = request.body_pose.position_m[:2] + away * NETWORK_RANGE_M / distance
+            goal[2] = drive_z_m
+        return goal
+
+    def _lift_off_m(self, request: PlanRequest, network: KeyPoints, air: np.ndarray) -> float:
+        return lift_off_distance_m(request.body_pose.position_m, network.points_m, air)
+
+    # ------------------------------------------------------------------ ways on the map
+    def _update_ways(self, request: PlanRequest, field: Field2) -> None:
+        now_s = self._clock.now_s()
+        goal = request.goal_m[:2]
+        same = self._ways_goal is not None and np.array_equal(self._ways_goal, goal)
+        if same and now_s - self._ways_s < ROUTE_EVERY_S:
+            return
+        radius_m = self._refiner.land_hard_m + ROUTE_MARGIN_M
+        self._ways = CostToGo(field, goal, radius_m, UNDER_GOAL_M if request.goal_in_air else 0.5)
+        self._ways_s, self._ways_goal = now_s, goal.copy()
+
+    def _land_path_ends(self, request: PlanRequest) -> bool:
+        """Nearer to below the goal the wheels cannot get."""
+        if self._ways is None or not request.goal_in_air:
+            return False
+        target, here = self._ways.target_xy, request.body_pose.position_m[:2]
+        if target is None or not math.isfinite(self._ways.cost_m(here)):
+            return True
+        return float(np.hypot(*(target - here))) < AT_END_M
+
+    def _evidence(
+        self, request: PlanRequest, network: KeyPoints, path: Array, field: Field2
+    ) -> routes.Evidence:
+        pose = request.body_pose
+        here = pose.position_m[:2]
+        dense = routes.densify(np.vstack([here, path[:, :2]]))
+        beyond = dense[np.hypot(*(dense - here).T) > 0.3]
+        free = field.lookup(beyond) - self._refiner.land_hard_m if len(beyond) else np.array([1.0])
+        away = request.goal_m[:2] - here
+        near = float(np.hypot(*away)) < GOAL_JOIN_M
+        bearing = 0.0 if near else wrap_pi(math.atan2(away[1], away[0]) - yaw_of(pose.quaternion))
+        assert self._ways is not None
+        return routes.Evidence(
+            mu=network.mu,
+            goal_bearing_rad=bearing,
+            clearance_m=float(free.min()) + PUSH_M,
+            path_m=routes.length_m(dense),
+            after_path_m=self._ways.cost_m(path[-1, :2]) if len(path) else math.inf,
+            shortest_m=self._ways.cost_m(here),
+        )
+
+    # ------------------------------------------------------------------ second stage, on land
+    def _drive(
+        self, request: PlanRequest, network: KeyPoints, air: np.ndarray, field: Field2
+    ) -> tuple[KeyPoints | None, RefineResult, float, str]:
+        land_part = network.points_m[: int(np.argmax(air))] if air.any() else network.points_m
+        if not request.goal_in_air:
+            land_part = network.points_m
+        motion = request.motion
+        here = motion.position_m
+        if not len(land_part):  # lift off right here
+            land_part = here[None]
+        evidence = self._evidence(request, network, land_part, field)
+        self._route, why = routes.choose(self._route, evidence, request.start_s)
+        followed = KeyPoints(land_part, np.zeros(len(land_part), bool), network.mu, Source.GKPN)
+        if self._route.source is Source.SEARCH and self._ways is not None:
+            way = self._ways.path(here[:2])
+            if way is None:
+                why = f"{why}; no way on the map"
+            else:
+                points = to_key_points(way)
+                points = np.column_stack([points[:, :2], np.full(len(points), here[2])])
+                followed = KeyPoints(points, np.zeros(len(points), bool), network.mu, Source.SEARCH)
+        routed_s = self._clock.now_s()
+        state = LandState(here[:2], motion.yaw_rad, motion.speed_mps, motion.yaw_rate_rps, float(here[2]))
+        blocked = followed.source is Source.GKPN and bool(why)
+        if blocked:  # nothing usable: come to rest
+            trajectory = self._refiner.brake_land(state, request.start_s)
+            refined = RefineResult(trajectory, Source.BRAKE, math.nan, True, "", 0.0)
+            return None, refined, routed_s, why
+        refined = self._refiner.land(
+            state,
+            followed.points_m,
+            field,
+            request.start_s,
+            self._previous,
+            source=followed.source,
+            speed_mps=request.land_speed_mps,
+        )
+        if refined.stopped and followed.source is Source.GKPN:  # the map's way next, for a while
+            self._route = routes.State(Source.SEARCH, request.start_s, 0)
+        return followed, refined, routed_s, why
+
+    # ------------------------------------------------------------------ second stage, in the air
+    def _fly(
+        self, request: PlanRequest, network: KeyPoints, air: np.ndarray, field: Field2
+    ) -> tuple[KeyPoints | None, RefineResult, float, str]:
+        motion = request.motion
+        here = motion.position_m
+        goal = np.array(request.goal_m, dtype=float)
+        if not request.goal_in_air:
+            goal[2] = here[2]
+        space = self._map.air_field(here, FIELD_HALF_M, floor_z_m=request.floor_z_m)
+        points, source, why = self._air_points(request, network, goal, space)
+        routed_s = self._clock.now_s()
+        state = AirState(here, motion.velocity_mps, motion.acceleration_mps2, motion.yaw_rad)
+        refined = self._refiner.air(
+            state,
+            points,
+            space,
+            request.start_s,
+            self._previous,
+            source=source,
+            speed_mps=request.air_speed_mps,
+            floor_m=request.floor_z_m,
+        )
+        followed = KeyPoints(points, np.ones(len(points), bool), network.mu, source)
+        return followed, refined, routed_s, why
+
+    def _air_points(
+        self, request: PlanRequest, network: KeyPoints, goal: Array, space: Field3
+    ) -> tuple[Array, Source, str]:
+        """The network's path while it is usable, else straight to the goal, else round obstacles at this height."""
+        here = request.motion.position_m
+        radius_m = self._refiner.air_hard_m
+        points = network.points_m.copy()
+        points[:, 2] = np.clip(points[:, 2], min(here[2], goal[2]), max(here[2], goal[2]))
+        if float(np.linalg.norm(points[-1] - goal)) < GOAL_JOIN_M:
+            points[-1] = goal
+        away = goal[:2] - here[:2]
+        near = float(np.hypot(*away)) < GOAL_JOIN_M
+        bearing = wrap_pi(math.atan2(away[1], away[0]) - request.motion.yaw_rad)
+
+        def free_m(path: Array) -> float:
+            dense = routes.densify(np.vstack([here, path]))
+            beyond = dense[np.linalg.norm(dense - here, axis=1) > 0.3]
+            return float(space.lookup(beyond).min()) - radius_m if len(beyond) else 1.0
+
+        evidence = routes.Evidence(network.mu, bearing, free_m(points) + PUSH_M, 0.0, 0.0, 0.0)
+        why = "at the goal" if near else routes.objection(evidence)
+        if not why:
+            return points, Source.GKPN, ""
+        if near or free_m(goal[None]) >= 0.0:
+            return goal[None], Source.DIRECT, why
+        slice_floor_m = float(here[2]) - self._config.body.below_m - 0.1
+        slice_pose = Pose(here, request.body_pose.quaternion)
+        layer = self._map.land_field(slice_pose, slice_floor_m)
+        way = CostToGo(layer, goal[:2], radius_m, UNDER_GOAL_M).path(here[:2])
+        if way is None:
+            return here[None], Source.BRAKE, f"{why}; no way at this height"
+        keys = to_key_points(way)
+        rise = np.linspace(0.0, 1.0, len(keys) + 1)[1:]
+        around = np.column_stack([keys[:, :2], here[2] + rise * (goal[2] - here[2])])
+        return around, Source.SEARCH, why
+
+    # ------------------------------------------------------------------ places to take off and land
+    def _column_clear(self, request: PlanRequest, up_to_m: float) -> bool:
+        body, clearance = self._config.body, self._config.clearance
+        return self._map.column_clear(
+            request.body_pose.position_m[:2],
+            body.radius_m + clearance.landing_m,
+            request.floor_z_m + 0.1,
+            up_to_m + body.above_m + clearance.landing_m,
+        )
+
+    def _map_now_and_then(self, field: Field2, now_s: float) -> np.ndarray | None:
+        if now_s - self._drawn_s < MAP_EVERY_S:
+            return None
+        self._drawn_s = now_s
+        return np.asarray(field.surface_points(), dtype=np.float32)

@@ -1,0 +1,78 @@
+"""The judge who sees the truth: contacts, clearance, metres by mode, joules by consumer, the track."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from sim.plant import Plant
+
+TRACK_EVERY = 5  # steps between points of the track (50 Hz)
+RELEASE_M = 0.02  # a contact ends when the robot is this far away again
+AIRBORNE_M = 0.05
+
+
+@dataclass
+class Referee:
+    """Running account of the truth."""
+
+    contacts: int = 0
+    contact_places_m: list[list[float]] = field(default_factory=list)
+    min_clearance_m: float = math.inf
+    land_m: float = 0.0
+    air_m: float = 0.0
+    touchdown_mps: float = 0.0
+    _touching: bool = False
+    _airborne: bool = False
+    _steps: int = 0
+    _last: np.ndarray | None = None
+    _track: list[list[float]] = field(default_factory=list)
+
+    def watch(self, now_s: float, plant: Plant) -> None:
+        """Look at the plant after each of its steps."""
+        state = plant.state
+        self.min_clearance_m = min(self.min_clearance_m, plant.clearance_m)
+        if plant.clearance_m <= 0.0 and not self._touching:
+            self._touching = True
+            self.contacts += 1
+            self.contact_places_m.append([round(float(v), 3) for v in state.position_m])
+        elif plant.clearance_m > RELEASE_M:
+            self._touching = False
+        airborne = plant.height_m > AIRBORNE_M
+        if self._airborne and not airborne:
+            self.touchdown_mps = max(self.touchdown_mps, -float(state.velocity_mps[2]))
+        self._airborne = airborne
+        if self._steps % TRACK_EVERY == 0:
+            self._account(now_s, plant, airborne)
+        self._steps += 1
+
+    def _account(self, now_s: float, plant: Plant, airborne: bool) -> None:
+        p = plant.state.position_m
+        if self._last is not None:
+            way = float(np.linalg.norm(p - self._last))
+            if airborne:
+                self.air_m += way
+            else:
+                self.land_m += way
+        self._last = p.copy()
+        self._track.append([now_s, *p, *plant.state.quaternion, float(airborne), plant.battery.used_j])
+
+    def save(self, folder: Path, plant: Plant) -> None:
+        """Write `truth.npz` (the track) and `referee.json` (the account)."""
+        track = np.array(self._track).reshape(-1, 10)
+        np.savez_compressed(
+            folder / "truth.npz",
+            stamp_s=track[:, 0],
+            position_m=track[:, 1:4],
+            quaternion=track[:, 4:8],
+            mode=track[:, 8].astype(np.int8),
+            used_j=track[:, 9],
+        )
+        account = {k: v for k, v in asdict(self).items() if not k.startswith("_")}
+        account["min_clearance_m"] = None if math.isinf(self.min_clearance_m) else self.min_clearance_m
+        account["used_j"] = plant.battery.used_by_j
+        (folder / "referee.json").write_text(json.dumps(account, indent=1))
