@@ -1,0 +1,71 @@
+"""Parameters of the land controller, readable and writable over the wire by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+from labr_autonomy.config import RobotConfig
+from sim.rover import TICKS_PER_M
+
+# The firmware is the last line: it leaves the executive's controller this much above the robot's own limits,
+# and refuses what is beyond.
+MARGIN = 1.25
+
+RANGES: dict[str, tuple[float, float]] = {
+    "track": (0.05, 2.0),
+    "ticks_per_m": (10.0, 100_000.0),
+    "speed": (0.05, 3.0),
+    "reverse": (0.0, 3.0),
+    "yaw_rate": (0.1, 6.0),
+    "acceleration": (0.1, 10.0),
+    "battery_low": (0.0, 60.0),
+    "current_max": (0.5, 60.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """Values in the order of their index; names have at most 16 characters."""
+
+    track: float  # [m]
+    ticks_per_m: float  # [1/m]
+    speed: float  # [m/s] forward limit of commands
+    reverse: float  # [m/s] backward limit of commands
+    yaw_rate: float  # [rad/s]
+    acceleration: float  # [m/s^2] ramp of each wheel
+    battery_low: float = 15.0  # [V] 3.0 V a cell, 5S
+    current_max: float = 15.0  # [A] while driving
+
+    @classmethod
+    def of(cls, config: RobotConfig) -> Parameters:
+        """What is flashed for this robot."""
+        land = config.land
+        wheel_mps2 = land.acceleration_mps2 + 0.5 * config.body.track_m * land.yaw_acceleration_rps2
+        return cls(
+            track=config.body.track_m,
+            ticks_per_m=TICKS_PER_M,
+            speed=MARGIN * land.speed_mps,
+            reverse=MARGIN * land.reverse_mps,
+            yaw_rate=MARGIN * land.yaw_rate_rps,
+            acceleration=MARGIN * wheel_mps2,
+        )
+
+    def allows(self, v_mmps: int, w_mradps: int) -> bool:
+        """Whether a command is inside the limits."""
+        forward = -self.reverse * 1000.0 <= v_mmps <= self.speed * 1000.0
+        return forward and abs(w_mradps) <= self.yaw_rate * 1000.0
+
+    def names(self) -> tuple[str, ...]:
+        """All names, by index."""
+        return tuple(f.name for f in fields(self))
+
+    def get(self, name: str) -> float | None:
+        """One value, None if there is no such name."""
+        return float(getattr(self, name)) if name in RANGES else None
+
+    def written(self, name: str, value: float) -> Parameters | None:
+        """A copy with one value changed, None if name or value is not acceptable."""
+        low, high = RANGES.get(name, (1.0, 0.0))
+        if not low <= value <= high:  # false for NaN as well
+            return None
+        return replace(self, **{name: value})
