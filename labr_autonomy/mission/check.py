@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import Refused
-from labr_autonomy.mission.fence import margin_m, polygon_fault
+from labr_autonomy.mission.fence import outline_margin_m, polygon_fault, zone
 from labr_autonomy.mission.schema import Goto, Mission, Point
 
 ClearanceAt = Callable[[float, float, float], float]
@@ -41,6 +41,15 @@ def height_max_m(mission: Mission, robot: RobotConfig) -> float:
     """Height of the body above the floor that is never exceeded [m]: the lower of mission's and robot's."""
     own = robot.air.height_max_m
     return own if mission.limits.height_max_m is None else min(own, mission.limits.height_max_m)
+
+
+def clear_places(mission: Mission, robot: RobotConfig) -> list[tuple[float, float, float]]:
+    """Body origins (x, y, z) odom that a generated world keeps free: the start, then each goal in turn.
+
+    Who builds the world of a mission passes exactly these, so that all build the same one.
+    """
+    start = None if mission.sim is None else (mission.sim.start.x, mission.sim.start.y)
+    return [(stand.x_m, stand.y_m, stand.z_m) for stand in _stands(mission, robot, start)]
 
 
 def check_mission(
@@ -115,7 +124,7 @@ def _outside(stand: _Stand, mission: Mission, sound: list[int], robot: RobotConf
     bottom, top = stand.z_m - robot.body.below_m, stand.z_m + robot.body.above_m
     for i in sound:
         fence = mission.fence[i]
-        margin = margin_m(fence, stand.x_m, stand.y_m, bottom, top, robot.body.radius_m)
+        margin = outline_margin_m(zone(fence), stand.x_m, stand.y_m, bottom, top, robot.body.radius_m)
         if margin < -1e-9:  # on the line is inside; the tolerance is for rounding only
             side = "outside" if fence.keep == "in" else "inside the keep-out"
             sentence = f"{stand.name} puts the robot {-margin:.2f} m {side} fence {i + 1}"

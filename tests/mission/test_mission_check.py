@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import Refused
-from labr_autonomy.mission.check import check_mission, height_max_m, refuse
-from labr_autonomy.mission.fence import contains, margin_m, polygon_fault, region_distance_m
+from labr_autonomy.mission.check import check_mission, clear_places, height_max_m, refuse
+from labr_autonomy.mission.fence import outline_margin_m, polygon_fault, zone, zones
 from labr_autonomy.mission.schema import Circle, Fence, Mission
 
 ROBOT = RobotConfig()
@@ -137,28 +137,33 @@ def test_polygons_that_bound_nothing(corners, word):
     assert fault is None if word is None else word in fault
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "distance"),
-    [(5, 4, -1.0), (5, 5, 0.0), (5, 6, math.sqrt(0.5)), (1, 1, -1.0), (-3, -4, 5.0), (12, 5, 2.0)],
-)
-def test_distance_to_a_concave_polygon(x, y, distance):
-    f = Fence(polygon=NOTCHED, keep="in")
-    assert region_distance_m(f, x, y) == pytest.approx(distance)
-
-
-@given(st.floats(-20, 20), st.floats(-20, 20))
-def test_a_circle_and_its_polygon_agree(x, y):
+@given(st.floats(-20, 20), st.floats(-20, 20), st.floats(0.05, 1))
+def test_a_circle_and_its_polygon_agree(x, y, radius):
     corners = [(4 * math.cos(a * math.tau / 180), 4 * math.sin(a * math.tau / 180)) for a in range(180)]
-    circle = Fence(circle=Circle(x=0, y=0, radius_m=4), keep="in")
-    polygon = Fence(polygon=corners, keep="in")
-    assert region_distance_m(circle, x, y) == pytest.approx(region_distance_m(polygon, x, y), abs=3e-3)
+    circle = zone(Fence(circle=Circle(x=0, y=0, radius_m=4), keep="out", z=(0, 2)))
+    polygon = zone(Fence(polygon=corners, keep="out", z=(0, 2)))
+    assert outline_margin_m(circle, x, y, 0, 1, radius) == pytest.approx(
+        outline_margin_m(polygon, x, y, 0, 1, radius), abs=3e-3
+    )
 
 
 @given(st.floats(-5, 15), st.floats(-5, 15))
 def test_in_and_out_are_opposites_for_a_point(x, y):
-    inside, outside = Fence(polygon=NOTCHED, keep="in"), Fence(polygon=NOTCHED, keep="out")
-    assert margin_m(inside, x, y, 0, 0, 0) == -margin_m(outside, x, y, 0, 0, 0)
-    assert (
-        contains(NOTCHED, x, y) == (margin_m(inside, x, y, 0, 0, 0) > 0)
-        or abs(margin_m(inside, x, y, 0, 0, 0)) < 1e-9
+    inside, outside = (zone(Fence(polygon=NOTCHED, keep=keep)) for keep in ("in", "out"))
+    assert outline_margin_m(inside, x, y, 0, 0, 0) == -outline_margin_m(outside, x, y, 0, 0, 0)
+
+
+def test_zones_carry_shape_side_and_heights():
+    m = mission(
+        [{"land": {}}], fence=[fence(z=[0, 3]), {"circle": {"x": 1, "y": 2, "radius_m": 3}, "keep": "out"}]
     )
+    square, circle = zones(m)
+    assert (square.outline, square.keep_in, square.z_low_m, square.z_high_m) == (tuple(SQUARE), True, 0, 3)
+    assert (circle.outline, circle.keep_in, circle.radius_m) == (((1, 2),), False, 3)
+    assert circle.z_high_m == math.inf
+
+
+def test_places_to_keep_clear_are_start_then_goals():
+    sim = {"world": {"family": "hall"}, "start": {"x": 1, "y": 5}}
+    m = mission([{"goto": {"x": 3, "y": 4}}, {"return": {}}, {"goto": {"x": 6, "y": 7, "z": 1.5}}], sim=sim)
+    assert clear_places(m, ROBOT) == [(1, 5, 0.12), (3, 4, 0.12), (6, 7, 1.5)]

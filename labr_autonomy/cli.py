@@ -1,0 +1,294 @@
+"""`labr-mission`. Only click is imported here; each command imports what it needs when it runs.
+
+Exit codes (`labr_autonomy.errors.ExitCode`): 0 done, 1 a fault in the program, 2 bad input, 3 refused or not
+feasible, 4 expectation missed, 5 aborted by the operator, 6 failsafe ended the mission.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from labr_autonomy import __version__
+from labr_autonomy.errors import BadInput, ExitCode, LabrError
+
+if TYPE_CHECKING:
+    from labr_autonomy.config import RobotConfig
+    from labr_autonomy.mission.check import ClearanceAt
+    from labr_autonomy.mission.schema import Mission
+
+FAULT = 1  # exit code of an error in the program itself
+TORCH_HELP = "pip install torch==2.13.0 --index-url https://download.pytorch.org/whl/cpu"
+
+_file = click.Path(path_type=Path, dir_okay=False)
+_folder = click.Path(path_type=Path, file_okay=False)
+_mission = click.argument("mission", type=_file)
+_seed = click.option(
+    "--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the simulated world and its noise."
+)
+_worlds = click.option("--worlds", type=_folder, metavar="DIR", help="Folder with mesh worlds.")
+_out = click.option("--out", type=_folder, metavar="DIR", help="Where run folders are made (default: runs).")
+_json = click.option("--json", "as_json", is_flag=True, help="JSON on stdout, for machines.")
+_robot = click.option(
+    "--robot", type=_file, metavar="FILE", help="robot.yaml; without it the simulator is flown."
+)
+
+
+class Commands(click.Group):
+    """Turns every error into one sentence and an exit code."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command; nobody reads a traceback."""
+        as_json = "--json" in ctx.args  # read now: click empties the list
+        try:
+            return super().invoke(ctx)
+        except click.UsageError as error:
+            if not as_json:
+                raise
+            _complain(True, {"kind": "BadInput", "what": error.format_message()}, "")
+            ctx.exit(int(ExitCode.BAD_INPUT))
+        except (click.exceptions.Exit, click.ClickException, click.Abort):
+            raise
+        except LabrError as error:
+            _complain(as_json, _as_dict(error), str(error))
+            ctx.exit(int(error.exit_code))
+        except KeyboardInterrupt:
+            _complain(
+                as_json, {"kind": "Aborted", "what": "stopped by the operator"}, "stopped by the operator"
+            )
+            ctx.exit(int(ExitCode.ABORTED))
+        except BrokenPipeError:  # `| head` has gone; click ends quietly
+            raise
+        except Exception as error:  # noqa: BLE001 - the last line of defence: keep it, and say where it is
+            where = _keep_traceback()
+            what = f"internal error, {type(error).__name__}: {_first_line(error)}"
+            answer = {"kind": "Internal", "what": what, "traceback": str(where)}
+            _complain(as_json, answer, f"{what}. Details are in {where}.")
+            ctx.exit(FAULT)
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="labr-mission")
+def main() -> None:
+    """Fly, check and look at missions of the land-air robot LABR."""
+
+
+@main.command()
+@_mission
+@_robot
+@_seed
+@_worlds
+@_out
+@_json
+@click.option("--quiet", is_flag=True, help="No live line.")
+def fly(
+    mission: Path,
+    robot: Path | None,
+    seed: int | None,
+    worlds: Path | None,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Carry out MISSION; without --robot in the simulator.
+
+    Ctrl-C once holds the robot where it is, twice brings it down and stops.
+    """
+    _must_exist(mission)
+    from labr_autonomy.mission.executive import fly as carry_out
+
+    code = carry_out(
+        mission,
+        robot_path=robot,
+        seed=seed,
+        worlds_dir=worlds,
+        out_dir=out,
+        json_output=as_json,
+        quiet=quiet,
+    )
+    click.get_current_context().exit(int(code))
+
+
+@main.command()
+@click.argument("mission", type=_file, required=False)
+@_robot
+@_seed
+@_worlds
+@_json
+@click.option("--schema", is_flag=True, help="Print the JSON Schema of the mission file and stop.")
+def check(
+    mission: Path | None,
+    robot: Path | None,
+    seed: int | None,
+    worlds: Path | None,
+    as_json: bool,
+    schema: bool,
+) -> None:
+    """Look for errors in MISSION without moving anything.
+
+    Reports everything wrong in the file at once, then what makes the mission not feasible: goals outside
+    fences, above the ceiling, or, in a simulated world, in or too near obstacles.
+    """
+    if schema:
+        from labr_autonomy.mission.schema import json_schema
+
+        click.echo(json.dumps(json_schema(), indent=2))
+        return
+    if mission is None:
+        raise BadInput("no mission file is named", "Say labr-mission check MISSION.yaml, or --schema")
+    from labr_autonomy.config import RobotConfig
+    from labr_autonomy.mission.check import check_mission, refuse
+    from labr_autonomy.mission.load import load_mission, load_robot
+
+    loaded = load_mission(mission)
+    vehicle = RobotConfig() if robot is None else load_robot(robot)
+    free = world_clearance(loaded, vehicle, seed=seed, worlds_dir=worlds) if robot is None else None
+    findings = check_mission(loaded, vehicle, clearance_at=free)
+    if as_json:
+        listed = [{"code": f.code, "item": f.item, "sentence": f.sentence} for f in findings]
+        answer = {"file": str(mission), "feasible": not findings, "findings": listed}
+        click.echo(json.dumps(answer))
+        if findings:
+            click.get_current_context().exit(int(ExitCode.REFUSED))
+        return
+    refuse(findings)
+    probed = "" if free is None else ", all goals are free in the simulated world"
+    click.echo(f"{mission}: good, {len(loaded.items)} items{probed}")
+
+
+@main.command()
+@_mission
+@_seed
+@_worlds
+@_out
+def sim(mission: Path, seed: int | None, worlds: Path | None, out: Path | None) -> None:
+    """Run the simulator of MISSION alone; it prints where its robot.yaml is.
+
+    Fly on it from another terminal with: labr-mission fly MISSION --robot .../robot.yaml
+    """
+    _must_exist(mission)
+    from sim import server
+
+    arguments = [str(mission)]
+    for name, value in (("--seed", seed), ("--worlds", worlds), ("--out", out)):
+        if value is not None:
+            arguments += [name, str(value)]
+    click.get_current_context().exit(int(server.main(arguments) or 0))
+
+
+@main.command()
+@click.argument("run", type=_folder)
+@_json
+def report(run: Path, as_json: bool) -> None:
+    """Write report.html into the folder of a RUN."""
+    from labr_autonomy.record.report import write_report
+
+    path = write_report(run)
+    click.echo(json.dumps({"report": str(path)}) if as_json else path)
+
+
+def _passed_on(name: str, module: str, text: str, needs: str = "") -> None:
+    """A command that hands its arguments to another module's `main()`, which parses them itself."""
+
+    @main.command(
+        name,
+        help=text,
+        context_settings={"ignore_unknown_options": True, "help_option_names": []},
+        add_help_option=False,
+    )
+    @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+    def command(arguments: tuple[str, ...]) -> None:
+        import importlib
+        import importlib.util
+
+        if needs and importlib.util.find_spec(needs) is None:
+            raise BadInput(f"{needs} is not installed", f"Install it as a CPU build: {TORCH_HELP}")
+        run: Callable[[], None] = importlib.import_module(module).main
+        kept, sys.argv = sys.argv, [f"labr-mission {name}", *arguments]
+        try:
+            run()
+        finally:
+            sys.argv = kept
+
+
+_passed_on("dataset", "sim.dataset", "Render a training set for GKPN (arguments: --help).")
+_passed_on("train", "labr_autonomy.gkpn.train", "Train GKPN; needs torch (arguments: --help).", needs="torch")
+
+
+def world_clearance(
+    mission: Mission, robot: RobotConfig, *, seed: int | None, worlds_dir: Path | None
+) -> ClearanceAt | None:
+    """Free distance around the robot in the mission's simulated world; None when it names no world.
+
+    Args:
+        mission: With its `sim` block.
+        robot: Its outline counts.
+        seed: Wins over the mission's.
+        worlds_dir: Folder with mesh worlds.
+    """
+    if mission.sim is None:
+        return None
+    import numpy as np
+
+    from labr_autonomy.mission.check import clear_places
+    from sim.worlds.build import build_world
+    from sim.worlds.surface import Surface
+
+    world = build_world(
+        mission.sim.world.spec(),
+        seed=mission.sim.seed if seed is None else seed,
+        clear_m=clear_places(mission, robot),
+        worlds_dir=worlds_dir,
+    )
+    surface = Surface(world, robot.body)
+    on_wheels_m = robot.body.below_m + 1e-6
+
+    def clearance_at(x_m: float, y_m: float, z_m: float) -> float:
+        return surface.free_place(np.array([x_m, y_m, z_m]), on_floor=z_m <= on_wheels_m)
+
+    return clearance_at
+
+
+def _must_exist(path: Path) -> None:
+    """Say so before heavy imports when a file is not there."""
+    if not path.is_file():
+        raise BadInput(f"{path} is not there", "Check the path of the mission file")
+
+
+def _as_dict(error: LabrError) -> dict[str, Any]:
+    answer: dict[str, Any] = {"kind": type(error).__name__, "what": error.what, "do": error.do}
+    listed = getattr(error, "as_list", None)
+    if listed is not None:
+        answer["problems"] = listed()
+    return {**answer, "exit_code": int(error.exit_code)}
+
+
+def _complain(as_json: bool, answer: dict[str, Any], sentence: str) -> None:
+    """Errors go to stderr as a sentence, or to stdout as an object for machines."""
+    if as_json:
+        click.echo(json.dumps({"error": answer}))
+    else:
+        click.echo(sentence if "\n" in sentence else f"labr-mission: {sentence}", err=True)
+
+
+def _first_line(error: Exception) -> str:
+    lines = str(error).strip().splitlines()
+    return lines[0].rstrip(".") if lines else "no message"
+
+
+def _keep_traceback() -> Path:
+    """Write the traceback of the error being handled to a file of its own."""
+    import tempfile
+
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="labr-mission-", suffix=".txt", delete=False, encoding="utf-8"
+    ) as stream:
+        stream.write(f"labr-mission {__version__}: {' '.join(sys.argv[1:])}\n")
+        traceback.print_exc(file=stream)
+    return Path(stream.name)
