@@ -1,0 +1,5 @@
+"""Stage one: a depth image and a goal in, five key points and a collision probability out.
+
+`infer` runs in flight (ONNX Runtime, no torch); `network`, `losses`, `dataset`, `train` and `export` need
+the `train` extra.
+"""

@@ -1,0 +1,76 @@
+"""GKPN in flight: ONNX Runtime on one thread; torch is never imported here."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+
+from labr_autonomy.clock import SystemClock
+from labr_autonomy.errors import BadInput
+from labr_autonomy.gkpn.package import ONNX_NAME, packaged_dir, read_manifest, read_verified
+from labr_autonomy.gkpn.resample import network_image
+from labr_autonomy.types import Array, Image, Intrinsics
+
+GOAL_RANGE_M = 9.0  # farthest goal of the training data; farther ones are drawn in to it
+
+
+class GkpnOnnx:
+    """The trained network.
+
+    Args:
+        weights_dir: Folder with gkpn.onnx and manifest.json; the packaged one by default. A file whose
+            sha256 is not the manifest's is refused with `BadInput`.
+    """
+
+    def __init__(self, weights_dir: Path | None = None) -> None:
+        folder = weights_dir or packaged_dir()
+        self.manifest: dict[str, Any] = read_manifest(folder)
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 3
+        model = read_verified(folder, ONNX_NAME)
+        self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        self._clock = SystemClock()
+
+    def predict(
+        self, depth_m: Image, intrinsics: Intrinsics, goal_level_m: Array
+    ) -> tuple[Array, float, float]:
+        """Key points towards a goal.
+
+        The goal should lie within 75 degrees of the heading (the training data's range; turn first
+        otherwise). For a goal on the floor pass the robot's driving height there, so z = 0 on flat floor.
+
+        Args:
+            depth_m: (h, w) along the optical axis [m], 0 = invalid.
+            intrinsics: Of the camera; the image may be a scaled version of its size.
+            goal_level_m: (3,) level frame.
+
+        Returns:
+            Key points (5, 3) level frame [m], collision probability mu in 0..1, time taken [s].
+        """
+        began_s = self._clock.now_s()
+        goal = np.asarray(goal_level_m, dtype=np.float64)
+        if goal.shape != (3,) or not np.isfinite(goal).all():
+            raise BadInput(
+                f"the goal {goal_level_m!r} is not three finite numbers", "Pass x, y, z in metres."
+            )
+        feed = {
+            "depth": network_image(depth_m, intrinsics)[None, None],
+            "goal": drawn_in(goal)[None].astype(np.float32),
+        }
+        points, mu = self._session.run(["points", "mu"], feed)
+        return points[0].astype(np.float64), float(mu[0, 0]), self._clock.now_s() - began_s
+
+
+def drawn_in(goal_m: Array) -> Array:
+    """The goal, brought to `GOAL_RANGE_M` along its bearing if it is farther in x, y; z is kept."""
+    far = math.hypot(goal_m[0], goal_m[1])
+    if far <= GOAL_RANGE_M:
+        return goal_m
+    share = GOAL_RANGE_M / far
+    near: Array = goal_m * np.array([share, share, 1.0])
+    return near

@@ -1,0 +1,155 @@
+"""Training GKPN (`python -m labr_autonomy.gkpn.train`): imperative learning by the losses alone, no labels.
+
+Deterministic by seed (each step draws from a generator seeded by run seed and step), so a run that resumes
+from its checkpoint sees the data it would have seen.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import math
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from labr_autonomy.clock import SystemClock
+from labr_autonomy.gkpn import dataset
+from labr_autonomy.gkpn.dataset import Views
+from labr_autonomy.gkpn.evaluate import evaluate, network_planner, straight_line
+from labr_autonomy.gkpn.losses import LossConfig, Losses, losses
+from labr_autonomy.gkpn.network import Gkpn, NetworkConfig
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class TrainConfig:
+    """One run."""
+
+    steps: int = 3000
+    batch: int = 64  # images of a step
+    goals: int = 4  # goals of an image in a step; they share its features
+    rate: float = 1.5e-3  # peak of the one-cycle schedule
+    warm: float = 0.1  # share of the steps before the peak
+    decay: float = 1e-3  # weight decay of AdamW
+    clip: float = 10.0  # gradient norm
+    seed: int = 0
+    threads: int = 2
+    save_every: int = 250
+    check_every: int = 1000
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    loss: LossConfig = field(default_factory=LossConfig)
+
+
+def rate_at(step: int, config: TrainConfig) -> float:
+    """One-cycle learning rate: linear rise to the peak, cosine fall to 1/1000 of it."""
+    rise = max(1.0, config.warm * config.steps)
+    if step < rise:
+        return config.rate * (step + 1) / rise
+    share = (step - rise) / max(1.0, config.steps - rise)
+    return config.rate * (0.001 + 0.999 * 0.5 * (1.0 + math.cos(math.pi * min(share, 1.0))))
+
+
+def step_losses(net: Gkpn, views: Views, step: int, config: TrainConfig) -> Losses:
+    """Forward pass of one step: random views and goals, half of them mirrored left to right."""
+    draw = torch.Generator().manual_seed(config.seed * 10_000_019 + step)
+    index = torch.randint(0, len(views), (config.batch,), generator=draw)
+    order = torch.rand(config.batch, views.goals_m.shape[1], generator=draw).argsort(dim=1)
+    goal = views.goals_m[index[:, None], order[:, : config.goals]].reshape(-1, 3)
+    each = index.repeat_interleave(config.goals)
+    image = _holes(views.images_m[index].float()[:, None], draw)
+    half = config.batch // 2
+    image[:half] = image[:half].flip(-1)
+    mirror = torch.ones(len(each), 3)
+    mirror[: half * config.goals, 1] = -1.0
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        features = net.encode(image.contiguous(memory_format=torch.channels_last))
+        points, logit = net.plan(features, goal * mirror)
+    points = points.float() * mirror[:, None]
+    solids = views.solids[views.scene[each]]
+    return losses(points, logit.float(), goal, views.poses[each], solids, views.floor_m(each), config.loss)
+
+
+def _holes(image: Tensor, draw: torch.Generator) -> Tensor:
+    """Knock out random patches, besides the holes the data already has."""
+    keep = torch.rand(len(image), 1, 9, 16, generator=draw) > 0.02
+    return image * keep.repeat_interleave(10, dim=2).repeat_interleave(10, dim=3)
+
+
+def train(training: Views, validation: Views, run_dir: Path, config: TrainConfig) -> Gkpn:
+    """Train, with checkpoints in `run_dir`, resuming from the last one there; returns the network."""
+    torch.set_num_threads(config.threads)
+    torch.manual_seed(config.seed)
+    run_dir.mkdir(parents=True, exist_ok=True)
+    net: Gkpn = Gkpn(config.network).to(memory_format=torch.channels_last)
+    optimiser = torch.optim.AdamW(net.parameters(), lr=config.rate, weight_decay=config.decay)
+    checkpoint, first = run_dir / "checkpoint.pt", 0
+    if checkpoint.exists():
+        state = torch.load(checkpoint, weights_only=True)
+        net.load_state_dict(state["net"])
+        optimiser.load_state_dict(state["optimiser"])
+        first = int(state["step"])
+    log.info("straight line %s", json.dumps(evaluate(straight_line, validation, config.loss)))
+    clock = SystemClock()
+    began_s, sums = clock.now_s(), dict[str, float]()
+    for step in range(first, config.steps):
+        for group in optimiser.param_groups:
+            group["lr"] = rate_at(step, config)
+        out = step_losses(net.train(), training, step, config)
+        optimiser.zero_grad()
+        out.total.backward()
+        torch.nn.utils.clip_grad_norm_(net.parameters(), config.clip)
+        optimiser.step()
+        for name, value in {"total": out.total, **out.terms}.items():
+            sums[name] = sums.get(name, 0.0) + float(value.detach())
+        done = step + 1
+        if done % config.save_every == 0 or done == config.steps:
+            means = {name: round(value / config.save_every, 4) for name, value in sums.items()}
+            log.info("step %d %.0f s %s", done, clock.now_s() - began_s, json.dumps(means))
+            sums.clear()
+            _save(checkpoint, net, optimiser, done)
+        if done % config.check_every == 0 or done == config.steps:
+            figures = evaluate(network_planner(net.eval()), validation, config.loss)
+            log.info("validation %s", json.dumps(figures))
+    net.eval()
+    return net
+
+
+def _save(path: Path, net: Gkpn, optimiser: torch.optim.Optimizer, step: int) -> None:
+    """Write the checkpoint in one move, so that a stopped run leaves a whole one."""
+    fresh = path.with_suffix(".new")
+    torch.save({"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step}, fresh)
+    fresh.replace(path)
+
+
+def main() -> None:
+    """Train from files and write the weights."""
+    standard = TrainConfig()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, nargs="+", required=True, help="training sets (.npz)")
+    parser.add_argument("--validation", type=Path, required=True, help="set of unseen scenes (.npz)")
+    parser.add_argument("--run", type=Path, required=True, help="folder for checkpoints")
+    parser.add_argument("--weights", type=Path, help="folder to export to when done")
+    parser.add_argument("--steps", type=int, default=standard.steps)
+    parser.add_argument("--seed", type=int, default=standard.seed)
+    parser.add_argument("--threads", type=int, default=standard.threads)
+    parser.add_argument("--energy", type=float, default=standard.loss.energy)
+    a = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    loss = LossConfig(energy=a.energy)
+    config = TrainConfig(steps=a.steps, seed=a.seed, threads=a.threads, loss=loss)
+    training, validation = dataset.load(*a.data), dataset.load(a.validation)
+    net = train(training, validation, a.run, config)
+    if a.weights:
+        from labr_autonomy.gkpn.export import export
+
+        facts = {"config": asdict(config), "data": training.facts(), "validation": validation.facts()}
+        export(net, a.weights, validation, config.loss, facts)
+
+
+if __name__ == "__main__":
+    main()
