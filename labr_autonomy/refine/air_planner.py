@@ -1,0 +1,246 @@
+"""Flying: turn first, solve, or fall back; vertical manoeuvres in closed form."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from labr_autonomy.clock import Clock
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.frames import wrap_pi
+from labr_autonomy.refine import profile, reference
+from labr_autonomy.refine.air import (
+    OCTAGON,
+    YAW_ACCELERATION_RPS2,
+    AirModel,
+    Envelope,
+    follow_yaw,
+    trajectory,
+    vector,
+)
+from labr_autonomy.refine.check import dense_check
+from labr_autonomy.refine.choice import (
+    BLOCKED_M,
+    CLOSE_M,
+    LOOK_AHEAD_M,
+    TURN_MOVING_RAD,
+    TURN_RAD,
+    Call,
+    best_plan,
+)
+from labr_autonomy.refine.polytopes import Polytopes
+from labr_autonomy.refine.problem import TIGHT
+from labr_autonomy.refine.rti import Task
+from labr_autonomy.refine.solver import QpStep
+from labr_autonomy.refine.values import STEP_S, STEPS, AirState, DistanceField, RefineResult, grid_s
+from labr_autonomy.types import Array, Mode, Source, Trajectory
+
+SLOW_MPS = 0.3
+SEED_GIVE_M = 0.1  # a previous plan this much too close is still worth linearising at
+VERTICAL_MPS2, VERTICAL_MPS3 = 1.0, 4.0  # gentle take-off and landing
+
+
+class AirPlanner:
+    """The flying half of the refiner."""
+
+    def __init__(self, config: RobotConfig, clock: Clock) -> None:
+        self.config = config
+        self._clock = clock
+        self._model = AirModel()
+        self._step = QpStep(self._model.problem)
+        body, clearance = config.body, config.clearance
+        self.hard_m = max(body.radius_m + clearance.hard_m, self.outline_m)
+        self.aim_m = max(body.radius_m + clearance.soft_m, self.hard_m + 0.05)
+
+    def plan(
+        self,
+        state: AirState,
+        key_points_m: Array,
+        field: DistanceField,
+        now_s: float,
+        previous: Trajectory | None,
+        *,
+        source: Source = Source.GKPN,
+        speed_mps: float | None = None,
+        climb_mps: float | None = None,
+        descend_mps: float | None = None,
+        floor_m: float = 0.0,
+    ) -> RefineResult:
+        """A flying trajectory from `state` along key points (n, 3) odom, looking where it goes.
+
+        Args:
+            state: Where the trajectory begins, exactly.
+            key_points_m: What to follow; the last is where to stop.
+            field: The 3D map.
+            now_s: Stamp of `state`.
+            previous: The last trajectory, of any start, or None.
+            source: Written into a plan that was solved for these key points.
+            speed_mps: Lower horizontal speed than the robot's limit.
+            climb_mps: Lower climb rate than the robot's limit.
+            descend_mps: Lower rate of descent than the robot's limit.
+            floor_m: Height of the floor in odom, for the limits of height.
+        """
+        call = Call(self._clock, now_s, self._clock.now_s(), source, previous)
+        env = self._envelope(floor_m, speed_mps, climb_mps, descend_mps)
+        x0 = vector(state)
+        points = np.array(key_points_m, dtype=float)
+        points[:, 2] = np.clip(points[:, 2], env.height_min_m, env.height_max_m)
+        path = reference.shape(x0[:3], points, field, self.hard_m, self.aim_m)
+        task = Task(
+            self._model.problem,
+            self._step,
+            x0,
+            self._model.bounds(x0, env),
+            self._model.settle,
+            self._model.dense,
+            field,
+            self.hard_m,
+        )
+        if path.blocked and path.length_m < BLOCKED_M:
+            return self._fallback(
+                task, state, env, call, f"the key points are blocked after {path.length_m:.1f} m"
+            )
+        turn = self._turn_needed(state, path)
+        if turn is not None:
+            out = self._turn(state, turn, env, call)
+            verdict = dense_check(out.position_m, field, self.hard_m)
+            if verdict.free:
+                degrees = math.degrees(wrap_pi(turn - state.yaw))
+                why = f"turning by {degrees:.0f} degrees towards the path"
+                return call.result(out, verdict, self.outline_m, why)
+        flat = TIGHT * OCTAGON * env.speed_mps
+        pace = reference.Pace(
+            self._slant(path, flat, env), env.acceleration_mps2 * math.sqrt(0.5), self.config.body.radius_m
+        )
+        along = path.at(LOOK_AHEAD_M) - path.points_m[0]
+        speed0 = float(x0[3:6] @ along) / max(float(np.linalg.norm(along)), 1e-6)
+        timed = reference.timed(path, speed0, pace, field)
+        seeds = [self._model.cold(x0, timed)]
+        kept = call.previous_of(Mode.AIR)
+        if kept is not None:
+            shifted = self._model.shifted(kept, now_s, x0)
+            if dense_check(shifted[0][:, :3], field, self.hard_m - SEED_GIVE_M).free:
+                seeds.insert(0, shifted)
+        plan = best_plan(task, seeds, timed, Polytopes(field, self.aim_m))
+        if isinstance(plan, str):
+            return self._fallback(task, state, env, call, plan)
+        yaw = self._yaw_along(state, plan.x, path, env, call)
+        out = trajectory(plan.x, yaw, now_s, source)
+        return call.result(out, plan.verdict, self.outline_m, "follows the key points")
+
+    @property
+    def outline_m(self) -> float:
+        """Radius of the sphere that stands for the body in the air [m]."""
+        body = self.config.body
+        return math.hypot(body.radius_m, max(body.below_m, body.above_m))
+
+    def _envelope(
+        self,
+        floor_m: float,
+        speed: float | None = None,
+        climb: float | None = None,
+        descend: float | None = None,
+    ) -> Envelope:
+        lim = self.config.air
+        full = Envelope.of(lim, floor_m, self.config.body.below_m)
+        return replace(
+            full,
+            speed_mps=min(speed or lim.speed_mps, lim.speed_mps),
+            climb_mps=min(climb or lim.climb_mps, lim.climb_mps),
+            descend_mps=min(descend or lim.descend_mps, lim.descend_mps),
+        )
+
+    @staticmethod
+    def _slant(path: reference.Path, flat_mps: float, env: Envelope) -> float:
+        """Speed along a path whose steepest part obeys the vertical limits too."""
+        step = np.diff(path.points_m, axis=0)
+        length = np.maximum(np.linalg.norm(step, axis=1), 1e-9)
+        near = np.cumsum(length) < 2.5 * flat_mps
+        near[0] = True
+        up, across = step[:, 2] / length, np.hypot(step[:, 0], step[:, 1]) / length
+        vertical = np.where(up > 0.0, TIGHT * env.climb_mps, TIGHT * env.descend_mps)
+        most = np.minimum(flat_mps / np.maximum(across, 1e-6), vertical / np.maximum(np.abs(up), 1e-6))
+        return float(most[near].min())
+
+    @staticmethod
+    def _turn_needed(state: AirState, path: reference.Path) -> float | None:
+        offset = path.at(2.0 * LOOK_AHEAD_M) - path.points_m[0]
+        if math.hypot(offset[0], offset[1]) < CLOSE_M:
+            return None
+        heading = math.atan2(offset[1], offset[0])
+        error = abs(wrap_pi(heading - state.yaw))
+        slow = float(np.linalg.norm(state.velocity)) < SLOW_MPS
+        return heading if error > (TURN_RAD if slow else TURN_MOVING_RAD) else None
+
+    @staticmethod
+    def _yaw_rate(call: Call) -> float:
+        previous = call.previous
+        return previous.sample(call.now_s).yaw_rate_rps if previous is not None else 0.0
+
+    def _yaw_along(self, state: AirState, x: Array, path: reference.Path, env: Envelope, call: Call) -> Array:
+        """Yaw (n, 2) towards a point ahead on the plan; kept where nothing lies ahead."""
+        ahead = x[np.minimum(np.arange(len(x)) + 6, len(x) - 1), :2] - x[:, :2]
+        wanted = np.empty(len(x))
+        heading = state.yaw
+        for k, (dx, dy) in enumerate(ahead):
+            if math.hypot(dx, dy) > 0.15:
+                heading = math.atan2(dy, dx)
+            wanted[k] = heading
+        return follow_yaw(state.yaw, self._yaw_rate(call), wanted, env.yaw_rate_rps)
+
+    def _turn(self, state: AirState, yaw_rad: float, env: Envelope, call: Call) -> Trajectory:
+        """Come to a hover and turn; as many intervals as that takes."""
+        x = self._model.brake(vector(state), env)
+        rate0 = self._yaw_rate(call)
+        most = max(env.yaw_rate_rps, abs(rate0))
+        angle = wrap_pi(yaw_rad - state.yaw)
+        lasts = profile.turn_duration(angle, rate0, most, YAW_ACCELERATION_RPS2)
+        steps = max(len(x) - 1, math.ceil(lasts / STEP_S))
+        x = np.concatenate([x, np.repeat(x[-1:], steps + 1 - len(x), axis=0)])
+        times = grid_s(steps + 1)
+        yaw = profile.turn_rates(angle, rate0, most, YAW_ACCELERATION_RPS2, times)
+        yaw[:, 0] += state.yaw
+        yaw[-1, 1] = 0.0
+        return trajectory(x, yaw, call.now_s, Source.TURN)
+
+    def _fallback(self, task: Task, state: AirState, env: Envelope, call: Call, why: str) -> RefineResult:
+        previous = call.previous_of(Mode.AIR)
+        if previous is not None and previous.end_s > call.now_s + STEP_S:
+            seed = self._model.shifted(previous, call.now_s, task.x0)
+            kept = task.solve(seed, seed[0][:, :3], None)
+            if kept is not None and kept.verdict.free:
+                wanted = np.full(STEPS + 1, previous.yaw_rad[-1])
+                yaw = follow_yaw(state.yaw, self._yaw_rate(call), wanted, env.yaw_rate_rps)
+                out = trajectory(kept.x, yaw, call.now_s, Source.PREVIOUS)
+                return call.result(out, kept.verdict, self.outline_m, why, stopped=True)
+        out = self.brake(state, call.now_s)
+        verdict = dense_check(out.position_m, task.field, self.hard_m)
+        return call.result(out, verdict, self.outline_m, why, stopped=True)
+
+    def brake(self, state: AirState, now_s: float) -> Trajectory:
+        """To a hover as fast as jerk and acceleration allow, wherever that is; the yaw is kept."""
+        x = self._model.brake(vector(state), self._envelope(0.0))
+        yaw = np.stack([np.full(len(x), state.yaw), np.zeros(len(x))], axis=1)
+        return trajectory(x, yaw, now_s, Source.BRAKE)
+
+    def vertical(self, state: AirState, height_m: float, speed_mps: float, now_s: float) -> Trajectory:
+        """Straight up or down to a height of the body origin in odom, the place and the yaw held.
+
+        Used for take-off and landing; not checked against the map, as the floor is where it leads.
+        A start that moves sideways comes to rest on its way.
+        """
+        x0 = vector(state)
+        env = self._envelope(0.0)
+        sideways = self._model.brake(x0, env)
+        rise = height_m - float(x0[2])
+        v0, a0 = float(x0[5]), float(x0[8])
+        phases = profile.move(v0, a0, rise, (speed_mps, speed_mps), VERTICAL_MPS2, VERTICAL_MPS3)
+        steps = max(2, len(sideways) - 1, math.ceil(profile.duration(phases) / STEP_S - 1e-9))
+        x = np.concatenate([sideways, np.repeat(sideways[-1:], max(0, steps + 1 - len(sideways)), axis=0)])
+        times = grid_s(steps + 1)
+        x[:, [2, 5, 8]] = profile.evaluate((float(x0[2]), v0, a0), phases, times)
+        x[-1, 2], x[-1, 3:] = height_m, 0.0
+        yaw = np.stack([np.full(len(x), state.yaw), np.zeros(len(x))], axis=1)
+        return trajectory(x, yaw, now_s, Source.DIRECT)

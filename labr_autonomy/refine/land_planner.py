@@ -1,0 +1,158 @@
+"""Driving: turn first, solve, or fall back."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from labr_autonomy.clock import Clock
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.frames import wrap_pi
+from labr_autonomy.refine import reference
+from labr_autonomy.refine.check import Verdict, dense_check
+from labr_autonomy.refine.choice import (
+    ARRIVED_M,
+    BLOCKED_M,
+    CLOSE_M,
+    LOOK_AHEAD_M,
+    TURN_MOVING_RAD,
+    TURN_RAD,
+    Call,
+    best_plan,
+)
+from labr_autonomy.refine.land import LandModel, vector
+from labr_autonomy.refine.polytopes import Polytopes
+from labr_autonomy.refine.rti import Task
+from labr_autonomy.refine.solver import QpStep
+from labr_autonomy.refine.values import STEP_S, DistanceField, LandState, RefineResult
+from labr_autonomy.types import Array, Mode, Source, Trajectory
+
+TURN_CLOSE_RAD = math.radians(25.0)  # close to the goal a unicycle has no room to swing in
+SLOW_MPS = 0.25
+SIDE_M = 0.03  # lateral error that is not worth a turn
+SEED_GIVE_M = 0.1  # a previous plan this much too close is still worth linearising at
+
+
+class LandPlanner:
+    """The driving half of the refiner."""
+
+    def __init__(self, config: RobotConfig, clock: Clock) -> None:
+        self.config = config
+        self._clock = clock
+        self._model = LandModel(config.land)
+        self._step = QpStep(self._model.problem)
+        self.hard_m = config.body.radius_m + config.clearance.hard_m
+        self.aim_m = config.body.radius_m + config.clearance.soft_m
+
+    def plan(
+        self,
+        state: LandState,
+        key_points_m: Array,
+        field: DistanceField,
+        now_s: float,
+        previous: Trajectory | None,
+        *,
+        source: Source = Source.GKPN,
+        speed_mps: float | None = None,
+    ) -> RefineResult:
+        """A driving trajectory from `state` along key points (n, 2 or 3) odom; z is ignored.
+
+        Args:
+            state: Where the trajectory begins, exactly.
+            key_points_m: What to follow; the last is where to stop.
+            field: The 2D map.
+            now_s: Stamp of `state`.
+            previous: The last trajectory, of any start, or None.
+            source: Written into a plan that was solved for these key points.
+            speed_mps: Lower cruise speed than the robot's limit.
+        """
+        call = Call(self._clock, now_s, self._clock.now_s(), source, previous)
+        lim = self.config.land
+        x0 = vector(state)
+        points = np.asarray(key_points_m, dtype=float)[:, :2]
+        path = reference.shape(x0[:2], points, field, self.hard_m, self.aim_m)
+        bounds = self._model.bounds(x0)
+        task = Task(
+            self._model.problem,
+            self._step,
+            x0,
+            bounds,
+            self._model.settle,
+            self._model.dense,
+            field,
+            self.hard_m,
+        )
+
+        def give(
+            x: Array, u: Array, verdict: Verdict, source: Source, why: str, stopped: bool = False
+        ) -> RefineResult:
+            out = self._model.trajectory(x, u, state, now_s, source)
+            return call.result(out, verdict, self.config.body.radius_m, why)
+
+        if path.blocked and path.length_m < BLOCKED_M:
+            return self._fallback(
+                task, state, call, f"the key points are blocked after {path.length_m:.1f} m"
+            )
+        turn = self._turn_needed(state, path)
+        if turn is not None:
+            x, u = self._model.turn(x0, turn)
+            verdict = task.judge(x, u)
+            if verdict.free:
+                degrees = math.degrees(wrap_pi(turn - state.yaw))
+                return give(x, u, verdict, Source.TURN, f"turning by {degrees:.0f} degrees towards the path")
+            return self._fallback(task, state, call, "no room to stop while turning towards the path")
+        pace = reference.Pace(
+            min(speed_mps or lim.speed_mps, lim.speed_mps), lim.acceleration_mps2, self.config.body.radius_m
+        )
+        timed = reference.timed(path, abs(state.speed), pace, field)
+        seeds = [self._model.cold(x0, timed)]
+        kept = call.previous_of(Mode.LAND)
+        if kept is not None:
+            shifted = self._model.shifted(kept, now_s, x0)
+            if dense_check(shifted[0][:, :2], field, self.hard_m - SEED_GIVE_M).free:
+                seeds.insert(0, shifted)
+        plan = best_plan(task, seeds, timed, Polytopes(field, self.aim_m))
+        if isinstance(plan, str):
+            return self._fallback(task, state, call, plan)
+        return give(plan.x, plan.u, plan.verdict, source, "follows the key points")
+
+    def _turn_needed(self, state: LandState, path: reference.Path) -> float | None:
+        """Heading to turn to before driving on, or None."""
+        length = path.length_m
+        offset = path.at(min(LOOK_AHEAD_M, length)) - path.points_m[0]
+        away = float(np.hypot(*offset))
+        if length < ARRIVED_M or away < 1e-6:
+            return None
+        heading = math.atan2(offset[1], offset[0])
+        error = abs(wrap_pi(heading - state.yaw))
+        slow = abs(state.speed) < SLOW_MPS
+        if length < CLOSE_M and not path.blocked:
+            back = error > math.pi / 2.0
+            bend = math.pi - error if back else error
+            if slow and bend > TURN_CLOSE_RAD and away * math.sin(bend) > SIDE_M:
+                return wrap_pi(heading + math.pi) if back else heading
+            return None
+        return heading if error > (TURN_RAD if slow else TURN_MOVING_RAD) else None
+
+    def _fallback(self, task: Task, state: LandState, call: Call, why: str) -> RefineResult:
+        previous = call.previous_of(Mode.LAND)
+        if previous is not None and previous.end_s > call.now_s + STEP_S:
+            seed = self._model.shifted(previous, call.now_s, task.x0)
+            kept = task.solve(seed, seed[0][:, :2], None)
+            if kept is not None and kept.verdict.free:
+                out = self._model.trajectory(kept.x, kept.u, state, call.now_s, Source.PREVIOUS)
+                return call.result(out, kept.verdict, self.config.body.radius_m, why, stopped=True)
+        x, u = self._model.brake(task.x0)
+        out = self._model.trajectory(x, u, state, call.now_s, Source.BRAKE)
+        return call.result(out, task.judge(x, u), self.config.body.radius_m, why, stopped=True)
+
+    def brake(self, state: LandState, now_s: float) -> Trajectory:
+        """To rest as fast as the limits allow, wherever that is."""
+        x, u = self._model.brake(vector(state))
+        return self._model.trajectory(x, u, state, now_s, Source.BRAKE)
+
+    def turn(self, state: LandState, yaw_rad: float, now_s: float) -> Trajectory:
+        """Turn on the spot to a heading in odom, the short way; a moving robot comes to rest meanwhile."""
+        x, u = self._model.turn(vector(state), yaw_rad)
+        return self._model.trajectory(x, u, state, now_s, Source.TURN)
