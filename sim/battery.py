@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from labr_autonomy.errors import BadInput
@@ -11,6 +9,7 @@ from labr_autonomy.errors import BadInput
 CELLS = 5
 PACK_J = 547_000.0  # robot.yaml, Energy.pack_j: 8 Ah at 19 V
 RESISTANCE_OHM = 0.025  # five cells of 4 mOhm and the leads; usual for 8 Ah cells
+SETTLING_S = 0.05  # the bus capacitors and the cells' double layer keep the sag from following single steps
 # Open-circuit voltage of a lithium-polymer cell over its charge; the mean over the charge is 3.8 V.
 _CHARGE = np.array([0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
 _CELL_V = np.array([3.20, 3.50, 3.60, 3.68, 3.73, 3.76, 3.79, 3.84, 3.90, 3.97, 4.07, 4.18])
@@ -40,6 +39,7 @@ class Battery:
         self.used_by_j: dict[str, float] = {}  # at the terminals, by consumer
         self.heat_j = 0.0  # lost in the internal resistance
         self.current_a = 0.0
+        self._sag_v = 0.0
         self.volts = self.open_circuit_v
 
     @property
@@ -64,8 +64,8 @@ class Battery:
     def step(self, dt_s: float) -> float:
         """Give every consumer its power for `dt_s` [s].
 
-        The load is of constant power: V*I = P with V = E - I*R. Beyond the most that the pack can give,
-        E^2/4R, or with an empty pack, the consumers get less than they ask for.
+        The load is of constant power. The sag follows I*R with a lag of `SETTLING_S`, and is at most half of
+        the open-circuit voltage; there, or with an empty pack, the consumers get less than they ask for.
 
         Returns:
             Terminal voltage [V].
@@ -73,12 +73,15 @@ class Battery:
         asked_w = sum(self._load_w.values())
         e = self.open_circuit_v
         if self._left_j <= 0.0:
-            given_w, self.current_a, self.volts = 0.0, 0.0, 0.0
+            given_w, self.current_a, self._sag_v, self.volts = 0.0, 0.0, 0.0, 0.0
         else:
             r = self.resistance_ohm
             given_w = min(asked_w, e * e / (4.0 * r)) if r > 0.0 else asked_w
-            self.volts = 0.5 * (e + math.sqrt(max(0.0, e * e - 4.0 * r * given_w)))
-            self.current_a = given_w / self.volts
+            volts = e - self._sag_v
+            self.current_a = given_w / volts
+            wanted_v = min(self.current_a * r, 0.5 * e)
+            self._sag_v += dt_s / (SETTLING_S + dt_s) * (wanted_v - self._sag_v)
+            self.volts = e - self._sag_v
         heat_j = self.current_a**2 * self.resistance_ohm * dt_s
         self.heat_j += heat_j
         self._left_j = max(0.0, self._left_j - given_w * dt_s - heat_j)

@@ -14,7 +14,11 @@ import jsbsim
 import numpy as np
 
 from labr_autonomy.errors import BadInput
-from labr_autonomy.frames import quaternion_enu_flu_to_ned_frd, quaternion_from_rpy, quaternion_ned_frd_to_enu_flu
+from labr_autonomy.frames import (
+    quaternion_enu_flu_to_ned_frd,
+    quaternion_from_rpy,
+    quaternion_ned_frd_to_enu_flu,
+)
 from labr_autonomy.types import Array
 from sim.quad.state import QuadState
 
@@ -86,7 +90,8 @@ class Quad:
             model[f"esc/cmd-norm[{i}]"] = 0.0
         if not model.run_ic():
             raise BadInput(
-                f"JSBSim refuses to start at {np.round(position_m, 3).tolist()} m", "Choose another start pose."
+                f"JSBSim refuses to start at {np.round(position_m, 3).tolist()} m",
+                "Choose another start pose.",
             )
         model["propulsion/set-running"] = -1
         self._state = None

@@ -1,0 +1,71 @@
+"""External poses off the wire: which frames PX4 takes, and what it makes of them."""
+
+from __future__ import annotations
+
+import math
+
+from pymavlink.dialects.v20 import development as mavlink
+
+from sim.autopilot.estimator import (
+    FRAME_BODY_FRD,
+    FRAME_LOCAL_FRD,
+    FRAME_LOCAL_NED,
+    FRAME_MOCAP_NED,
+    VisionPose,
+)
+from sim.autopilot.vectors import UNKNOWN, Vector, matrix, rotate, yaw_of
+
+MAX_AGE_S = 0.5
+
+
+def pose_of_odometry(message: mavlink.MAVLink_message, stamp_s: float) -> VisionPose | None:
+    """ODOMETRY: LOCAL_NED and LOCAL_FRD give a position, MOCAP_NED drops it, the rest is ignored.
+
+    Measured on PX4 1.18: with frame 14 no position is fused, velocity and heading still are.
+    """
+    if message.frame_id not in (FRAME_LOCAL_NED, FRAME_LOCAL_FRD, FRAME_MOCAP_NED):
+        return None
+    q = tuple(float(v) for v in message.q)
+    norm = math.sqrt(sum(v * v for v in q))
+    if not math.isfinite(norm) or norm < 0.5:
+        return None
+    attitude = (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
+    velocity: Vector = (message.vx, message.vy, message.vz)
+    if message.child_frame_id == FRAME_BODY_FRD:
+        velocity = rotate(matrix(attitude), velocity)
+    elif message.child_frame_id not in (FRAME_LOCAL_NED, FRAME_LOCAL_FRD):
+        velocity = UNKNOWN
+    dropped = message.frame_id == FRAME_MOCAP_NED
+    position = UNKNOWN if dropped else (message.x, message.y, message.z)
+    return VisionPose(stamp_s, position, velocity, yaw_of(attitude))
+
+
+def pose_of_vision_estimate(message: mavlink.MAVLink_message, stamp_s: float) -> VisionPose | None:
+    """VISION_POSITION_ESTIMATE: local NED, without velocity."""
+    if not math.isfinite(message.yaw):
+        return None
+    return VisionPose(stamp_s, (message.x, message.y, message.z), UNKNOWN, message.yaw)
+
+
+class ClockOffset:
+    """The client's clock against ours, from the answers to our TIMESYNC requests."""
+
+    def __init__(self) -> None:
+        self._offset_s: float | None = None
+
+    def answer(self, theirs_ns: int, sent_ns: int, now_s: float) -> None:
+        """Take a TIMESYNC answer: their time, and when we asked."""
+        sent_s = sent_ns * 1e-9
+        if not 0.0 <= now_s - sent_s < 0.2:
+            return
+        offset_s = 0.5 * (sent_s + now_s) - theirs_ns * 1e-9
+        old = self._offset_s
+        far = old is None or abs(offset_s - old) > 0.1
+        self._offset_s = offset_s if far or old is None else old + 0.05 * (offset_s - old)
+
+    def local_s(self, theirs_us: int, now_s: float) -> float:
+        """A stamp of theirs on our clock; a stamp that makes no sense counts as now, as in PX4."""
+        for offset_s in (self._offset_s, 0.0):
+            if offset_s is not None and 0.0 <= now_s - (theirs_us * 1e-6 + offset_s) <= MAX_AGE_S:
+                return theirs_us * 1e-6 + offset_s
+        return now_s
