@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
+import random
 from dataclasses import dataclass
-
-import numpy as np
 
 from labr_autonomy.config import RobotConfig
 
@@ -50,10 +49,10 @@ class Rover:
         self._mass_kg = config.body.mass_kg
         self._idle_w = config.energy.idle_w
         self._rolling_w = config.energy.land_w - config.energy.idle_w
-        self._rng = np.random.default_rng([seed, 0x0E0])
-        self._steady = self._rng.uniform(SLIP_LOW, SLIP_HIGH, 2)
-        self._noise = np.zeros(2)
-        self._burst_s = np.zeros(2)
+        self._rng = random.Random(f"rover {seed}")
+        self._steady = [self._rng.uniform(SLIP_LOW, SLIP_HIGH) for _ in range(2)]
+        self._noise = [0.0, 0.0]
+        self._burst_s = [0.0, 0.0]
         self._wheel_mps = [0.0, 0.0]
         self._path_m = [0.0, 0.0]
         self.state = RoverState(0.0, 0.0, 0.0, 0.0, 0, 0, self._idle_w)
@@ -82,15 +81,18 @@ class Rover:
         )
         return self.state
 
-    def _slip(self, dt: float) -> tuple[float, float]:
+    def _slip(self, dt: float) -> list[float]:
+        """Share of each wheel's motion that the ground does not get."""
         keep = math.exp(-dt / SLIP_NOISE_TAU_S)
-        self._noise = keep * self._noise + SLIP_NOISE * math.sqrt(1.0 - keep * keep) * self._rng.normal(
-            size=2
-        )
-        started = self._rng.random(2) < BURST_PER_S * dt
-        self._burst_s = np.where(started, BURST_S, np.maximum(0.0, self._burst_s - dt))
-        slip = np.clip(self._steady + self._noise + BURST_SLIP * (self._burst_s > 0.0), 0.0, 1.0)
-        return float(slip[0]), float(slip[1])
+        spread = SLIP_NOISE * math.sqrt(1.0 - keep * keep)
+        slip = []
+        for i in range(2):
+            self._noise[i] = keep * self._noise[i] + spread * self._rng.gauss(0.0, 1.0)
+            loses_grip = self._rng.random() < BURST_PER_S * dt
+            self._burst_s[i] = BURST_S if loses_grip else max(0.0, self._burst_s[i] - dt)
+            burst = BURST_SLIP if self._burst_s[i] > 0.0 else 0.0
+            slip.append(min(1.0, max(0.0, self._steady[i] + self._noise[i] + burst)))
+        return slip
 
     def _wheel_power(self, before: float, after: float, dt: float, braked: bool) -> float:
         """Twice one wheel's share of the drive power [W]; a standing or braked wheel needs none."""
