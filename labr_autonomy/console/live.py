@@ -21,7 +21,7 @@ LIVE_PERIOD_S = 0.2
 PLAIN_PERIOD_S = 2.0
 AGE_WARN_S = 0.25  # a link older than this is shown in yellow
 AGE_BAD_S = 1.0  # and in red
-_STYLES = {"land": "bold green", "air": "bold dodger_blue1"}
+_STYLES = {"land": "bold dark_orange", "air": "bold dodger_blue1"}
 
 
 @dataclass(frozen=True, slots=True)
