@@ -30,6 +30,7 @@ _BROKEN = (
     ArithmeticError,
     AssertionError,
     AttributeError,
+    EOFError,
     LookupError,
     NotImplementedError,
     OSError,
@@ -75,7 +76,7 @@ def load_mesh(path: Path, *, scale: float = 1.0, up: str | None = None, name: st
 
 def _read_npz(path: Path) -> tuple[Vertices, Faces]:
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             if "V" not in data or "F" not in data:
                 raise BadInput(
                     f"'{path.name}' lacks the arrays V and F", "V is (n, 3) corners, F (m, 3) faces."

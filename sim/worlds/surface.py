@@ -1,7 +1,8 @@
 """Truth about the world's surface: how far the robot is from it, what lies beneath, who sees whom.
 
 The robot's outline is the upright cylinder of `config.Body`. Clearance is the exact distance between
-that cylinder and the triangles; at or below zero they meet. Two rules, chosen by `on_floor`:
+that cylinder and the triangles; at or below zero they meet, by about that depth. Two rules, chosen by
+`on_floor`:
 
 - On the floor (standing, driving, lifting off, touching down), whatever lies lower than FLOOR_BAND_M above
   the plane in which the wheels touch does not count: it is driven over or landed on.

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
-_TOLERANCE_M = 1e-5
-_ROUNDS = 60
+_TOLERANCE_M = 1e-6
+_ROUNDS = 200
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -104,13 +104,14 @@ def _separation(a: Any, b: Any, c: Any, axis: Any, radius: float, low: float, hi
 def _triangle_clearance(
     triangle: Any, axis: Any, radius: float, low: float, high: float, cut: bool, one: Any, two: Any
 ) -> Any:
-    """Clearance of one triangle; negative by how deep it reaches into the cylinder sideways."""
+    """Clearance of one triangle; negative by how far the cylinder must move to be free."""
     count = _clip(triangle, 3, low, 1.0, one)
     inside = _clip(one, count, high, -1.0, two)
     if inside > 0:
         flat = _flat_distance(two, inside, axis[0], axis[1]) - radius
         if flat <= 0.0:
-            return flat
+            bottom, top = two[:inside, 2].min(), two[:inside, 2].max()
+            return max(flat, low - top, bottom - high)
     if not cut:
         return _separation(triangle[0], triangle[1], triangle[2], axis, radius, low, high)
     best = math.inf
