@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +72,13 @@ class Referee:
             mode=track[:, 8].astype(np.int8),
             used_j=track[:, 9],
         )
-        account = {k: v for k, v in asdict(self).items() if not k.startswith("_")}
-        account["min_clearance_m"] = None if math.isinf(self.min_clearance_m) else self.min_clearance_m
-        account["used_j"] = plant.battery.used_by_j
+        account = {
+            "contacts": self.contacts,
+            "contact_places_m": self.contact_places_m,
+            "min_clearance_m": None if math.isinf(self.min_clearance_m) else self.min_clearance_m,
+            "land_m": self.land_m,
+            "air_m": self.air_m,
+            "touchdown_mps": self.touchdown_mps,
+            "used_j": plant.battery.used_by_j,
+        }
         (folder / "referee.json").write_text(json.dumps(account, indent=1))

@@ -18,6 +18,9 @@ class Zone:
     z_low_m: float = -math.inf
     z_high_m: float = math.inf
     radius_m: float | None = None
+    outset_m: float = 0.0  # radius of the outline that must obey, around the tested point
+    below_m: float = 0.0  # and its extent below and above the point
+    above_m: float = 0.0
 
 
 def _edge_distance_m(p: Point, a: Point, b: Point) -> float:
@@ -56,9 +59,9 @@ def margin_m(zones: Sequence[Zone], x_m: float, y_m: float, z_m: float) -> float
     room = math.inf
     for zone in zones:
         depth = signed_depth_m(zone, x_m, y_m)
+        bottom, top = z_m - zone.below_m, z_m + zone.above_m
         if zone.keep_in:
-            room = min(room, depth, z_m - zone.z_low_m, zone.z_high_m - z_m)
+            room = min(room, depth - zone.outset_m, bottom - zone.z_low_m, zone.z_high_m - top)
         else:
-            above, below = z_m - zone.z_high_m, zone.z_low_m - z_m
-            room = min(room, max(-depth, above, below))
+            room = min(room, max(-depth - zone.outset_m, bottom - zone.z_high_m, zone.z_low_m - top))
     return room

@@ -99,8 +99,8 @@ class Pilot:
     def __init__(
         self,
         config: RobotConfig,
-        mission: Sequence[Step],
-        zones: Sequence[Zone],
+        mission: Sequence[Step] = (),
+        zones: Sequence[Zone] = (),
         duration_s: float = math.inf,
     ) -> None:
         self._config = config
@@ -124,6 +124,7 @@ class Pilot:
         self._commanded_land = False
         self._off_mode_since_s: float | None = None
         self._guard_said = ""
+        self._odometry: Odometry | None = None
         self.failure = ""
 
     @property
@@ -150,6 +151,20 @@ class Pilot:
         if self._off_mode_since_s is None:
             self._off_mode_since_s = now_s
         return look_mode if now_s - self._off_mode_since_s > TAKEOVER_S else ""
+
+    def load(self, mission: Sequence[Step], zones: Sequence[Zone]) -> None:
+        """Set what is to be done, before the first tick."""
+        self._mission, self._zones = tuple(mission), tuple(zones)
+
+    def step_at(self, index: int) -> Step | None:
+        """One step of the mission, None beyond its end."""
+        return self._mission[index] if index < len(self._mission) else None
+
+    def fail(self, reason: str) -> None:
+        """Something outside the pilot makes going on impossible: come down and end."""
+        if not self.failure:
+            self.failure = reason
+            self.steps = replace(self.steps, status=Status.FAILED)
 
     # ------------------------------------------------------------------ the tick
     def tick(self, look: Look, now_s: float) -> Actions:
@@ -200,9 +215,8 @@ class Pilot:
         if progress.failed:
             self.failure = progress.say
         if self._started_s is not None and now_s - self._started_s > self._duration_s and not self.failure:
-            self.failure = f"mission took longer than {self._duration_s:.0f} s"
+            self.fail(f"mission took longer than {self._duration_s:.0f} s")
             events.append(self.failure)
-            self.steps = replace(self.steps, status=Status.FAILED)
         return progress
 
     def _wanted(self, step: Step | None, order: Order, now_s: float, events: list[str]) -> Mode:
@@ -240,8 +254,6 @@ class Pilot:
             take_off_clear=plan.take_off_clear,
             landing_clear=plan.landing_clear,
         )
-
-    _odometry: Odometry | None = None
 
     def _hand_over(
         self, look: Look, step: Step | None, wants: Mode, now_s: float, events: list[str]
@@ -306,9 +318,8 @@ class Pilot:
             case Phase.DISARMING if before is Phase.ARMING:
                 self._refused += 1
                 if self._refused >= TAKE_OFFS_MAX:
-                    self.failure = f"the autopilot did not arm in {self._refused} tries"
+                    self.fail(f"the autopilot did not arm in {self._refused} tries")
                     events.append(self.failure)
-                    self.steps = replace(self.steps, status=Status.FAILED)
             case _:
                 pass
 
@@ -328,7 +339,9 @@ class Pilot:
         if outputs.wheels and not held and progress.step is not None and progress.step.kind is Kind.GOTO:
             reference, speed, turn = self._drive(look, now_s, events)
         elif outputs.rotors and self.failsafe.reaction is not Reaction.YIELD:
-            reference = air = self._fly(held or progress.step is None, now_s, events)
+            reference = self._fly(held or progress.step is None, now_s, events)
+            # once the autopilot lands by itself, set-points would only confuse the picture
+            air = None if self._commanded_land and look.autopilot_mode == "land" else reference
         return Actions(
             speed_mps=speed,
             yaw_rate_rps=turn,
@@ -390,9 +403,9 @@ class Pilot:
     # ------------------------------------------------------------------ planning
     def request(
         self, sequence: int, frame_sequence: int, frame_pose: Pose, odometry: Odometry, now_s: float
-    ) -> PlanRequest | None:
-        """What to plan next; None when there is nothing to plan for."""
-        step = self._mission[self.steps.index] if self.steps.index < len(self._mission) else None
+    ) -> PlanRequest:
+        """What to plan next; without a goal, to stay here."""
+        step = self.step_at(self.steps.index)
         goal = odometry.pose.position_m if step is None or step.goal_m is None else step.goal_m
         mode = self.planning_mode or Mode.AIR
         fresh, self._fresh = self._fresh, False

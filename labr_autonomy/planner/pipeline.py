@@ -12,7 +12,7 @@ from labr_autonomy.frames import level_to_odom, odom_to_level, wrap_pi, yaw_of
 from labr_autonomy.gkpn.infer import GkpnOnnx
 from labr_autonomy.modes.decision import classify, lift_off_distance_m
 from labr_autonomy.perception.fields import Field2, Field3
-from labr_autonomy.perception.rolling_map import RollingMap
+from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
 from labr_autonomy.refine.cost_to_go import CostToGo
@@ -43,7 +43,7 @@ class Pipeline:
         self._config = config
         self._clock = SystemClock()
         self._map = RollingMap(config)
-        self._map.warm_up()
+        warm_up()
         self._network = GkpnOnnx()
         self._refiner = Refiner(config)
         self._previous: Trajectory | None = None
@@ -222,7 +222,7 @@ class Pipeline:
         goal = np.array(request.goal_m, dtype=float)
         if not request.goal_in_air:
             goal[2] = here[2]
-        space = self._map.air_field(here, FIELD_HALF_M, floor_z_m=request.floor_z_m)
+        space = self._map.air_field(here, FIELD_HALF_M)
         points, source, why = self._air_points(request, network, goal, space)
         routed_s = self._clock.now_s()
         state = AirState(here, motion.velocity_mps, motion.acceleration_mps2, motion.yaw_rad)
@@ -242,7 +242,7 @@ class Pipeline:
     def _air_points(
         self, request: PlanRequest, network: KeyPoints, goal: Array, space: Field3
     ) -> tuple[Array, Source, str]:
-        """The network's path while it is usable, else straight to the goal, else round obstacles at this height."""
+        """The network's path while usable, else straight to the goal, else round obstacles at this height."""
         here = request.motion.position_m
         radius_m = self._refiner.air_hard_m
         points = network.points_m.copy()
@@ -283,7 +283,7 @@ class Pipeline:
             body.radius_m + clearance.landing_m,
             request.floor_z_m + 0.1,
             up_to_m + body.above_m + clearance.landing_m,
-        )
+        ).clear
 
     def _map_now_and_then(self, field: Field2, now_s: float) -> np.ndarray | None:
         if now_s - self._drawn_s < MAP_EVERY_S:

@@ -1,0 +1,227 @@
+"""`labr-mission fly`: from a mission file to a run folder and an exit code."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import shutil
+import signal
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from labr_autonomy.air.channel import AirChannel
+from labr_autonomy.clock import SystemClock
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.console.live import LiveLine
+from labr_autonomy.errors import ExitCode, LabrError
+from labr_autonomy.ground.channel import GroundChannel
+from labr_autonomy.guard.failsafe import Reaction
+from labr_autonomy.mission import summarise
+from labr_autonomy.mission.check import ClearanceAt, check_mission, height_max_m, refuse
+from labr_autonomy.mission.compile import compile_fences, compile_steps
+from labr_autonomy.mission.flight import Flight
+from labr_autonomy.mission.load import load_mission, load_robot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.schema import Mission
+from labr_autonomy.mission.simulator import SimulatorProcess
+from labr_autonomy.mission.steps import Status
+from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.record.report import write_report
+from labr_autonomy.record.run_folder import make_run_folder
+from labr_autonomy.record.summary import Outcome, Summary, write_summary
+from labr_autonomy.record.tlog import Tlog
+
+log = logging.getLogger("labr.executive")
+
+EXIT_CODES: dict[Outcome, ExitCode] = {
+    "success": ExitCode.DONE,
+    "refused": ExitCode.REFUSED,
+    "aborted": ExitCode.ABORTED,
+    "failsafe": ExitCode.FAILSAFE,
+    "failed": ExitCode.EXPECTATION_MISSED,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a flight ended."""
+
+    outcome: Outcome
+    reason: str
+
+
+def fly(
+    mission_path: Path,
+    *,
+    robot_path: Path | None,
+    seed: int | None,
+    worlds_dir: Path | None,
+    out_dir: Path | None,
+    json_output: bool,
+    quiet: bool,
+) -> int:
+    """Carry out a mission and leave a run folder.
+
+    Args:
+        mission_path: The mission file.
+        robot_path: `robot.yaml` of the robot to fly; None flies the simulator of the mission's `sim` block.
+        seed: Of the simulated world and its noise; wins over the mission's.
+        worlds_dir: Folder with mesh worlds.
+        out_dir: Where run folders are made.
+        json_output: Print summary.json to standard output at the end.
+        quiet: No live line.
+
+    Returns:
+        Exit code (`labr_autonomy.errors.ExitCode`).
+    """
+    mission = load_mission(mission_path)
+    robot = load_robot(robot_path) if robot_path is not None else RobotConfig()
+    if robot_path is not None or mission.sim is None:
+        refuse(check_mission(mission, robot))
+    run_dir = make_run_folder(mission.name, out_dir)
+    shutil.copyfile(mission_path, run_dir / "mission.yaml")
+    _log_to(run_dir / "executive.log")
+    used_seed = seed if seed is not None else (mission.sim.seed if mission.sim else None)
+    with LiveLine(quiet=quiet) as line:
+        line.say(f"run folder {run_dir}")
+        if robot_path is not None:
+            summary = _guarded(mission, robot, run_dir, None, line, None)
+        else:
+            line.say("simulator: building the world and starting the camera")
+            with SimulatorProcess(mission, robot, used_seed or 0, worlds_dir, run_dir) as simulator:
+                simulated = load_robot(simulator.robot_path)
+                summary = _guarded(mission, simulated, run_dir, used_seed, line, simulator.clearance_at)
+            summary = summarise.with_truth(summary, run_dir)
+        summary = summarise.missed_expectations(summary, mission)
+        write_summary(summary, run_dir)
+        report = write_report(run_dir)
+        line.say(f"{summary.outcome}: {summary.reason}")
+        line.say(f"report {report}")
+    if json_output:
+        sys.stdout.write(json.dumps(summary.as_dict()) + "\n")
+    if summary.outcome == "success" and summary.expect_missed:
+        for sentence in summary.expect_missed:
+            line.say(f"expected otherwise: {sentence}")
+        return int(ExitCode.EXPECTATION_MISSED)
+    return int(EXIT_CODES[summary.outcome])
+
+
+def _guarded(
+    mission: Mission,
+    robot: RobotConfig,
+    run_dir: Path,
+    seed: int | None,
+    line: LiveLine,
+    clearance_at: ClearanceAt | None,
+) -> Summary:
+    """Check feasibility, then fly; a refusal leaves its summary behind before it is raised."""
+    try:
+        refuse(check_mission(mission, robot, clearance_at=clearance_at))
+        return asyncio.run(_flight(mission, robot, run_dir, seed, line))
+    except LabrError as error:
+        write_summary(summarise.refused(mission.name, error.what, seed), run_dir)
+        raise
+    except BaseExceptionGroup as group:  # a task of the flight failed: its own sentence counts
+        first = _first_labr_error(group)
+        if first is None:
+            raise
+        write_summary(summarise.refused(mission.name, first.what, seed), run_dir)
+        raise first from group
+
+
+def _first_labr_error(group: BaseExceptionGroup[BaseException]) -> LabrError | None:
+    for error in group.exceptions:
+        if isinstance(error, LabrError):
+            return error
+        if isinstance(error, BaseExceptionGroup):
+            nested = _first_labr_error(error)
+            if nested is not None:
+                return nested
+    return None
+
+
+async def _flight(
+    mission: Mission, robot: RobotConfig, run_dir: Path, seed: int | None, line: LiveLine
+) -> Summary:
+    clock = SystemClock()
+    robot = _limited(robot, mission)
+    air_log, ground_log = Tlog(run_dir / "air.tlog"), Tlog(run_dir / "ground.tlog")
+    air = AirChannel(robot.links.air, robot, clock, air_log)
+    ground = GroundChannel(robot.links.ground, robot.links.ground_baud, robot, clock, ground_log)
+    with contextlib.ExitStack() as files:
+        files.callback(air_log.close)
+        files.callback(ground_log.close)
+        flight_log = FlightLog(run_dir / "flight.mcap", metadata={"mission": mission.name})
+        files.callback(flight_log.close)
+        pilot = Pilot(robot, duration_s=mission.limits.duration_s)
+        flight = Flight(robot, pilot, clock, air, ground, flight_log, line, len(mission.items))
+        try:
+            await flight.open(line.say)
+            here = flight.odometry().pose.position_m
+            home = (float(here[0]), float(here[1]))
+            floor_z_m = float(here[2]) - robot.body.below_m
+            pilot.load(compile_steps(mission, home, floor_z_m), compile_fences(mission, robot, floor_z_m))
+            with _signals(flight):
+                await flight.run()
+        finally:
+            await flight.close()
+        ended = _ended(flight, pilot)
+        if flight.record.map_xy_m is not None:
+            np.savez_compressed(run_dir / "map.npz", occupied_xy=flight.record.map_xy_m)
+        return summarise.flown(
+            mission.name, flight.record, ended.outcome, ended.reason, seed, here, flight.planner_versions
+        )
+
+
+def _ended(flight: Flight, pilot: Pilot) -> Ended:
+    if flight.aborted:
+        return Ended("aborted", "the operator ended the mission")
+    if pilot.failsafe.reaction >= Reaction.LAND:
+        return Ended("failsafe", pilot.failsafe.sentence)
+    if pilot.steps.status is Status.DONE and not pilot.failure:
+        return Ended("success", "all items done")
+    return Ended("failed", pilot.failure or "the mission did not finish")
+
+
+def _limited(robot: RobotConfig, mission: Mission) -> RobotConfig:
+    """The robot with the mission's own limits, where they are tighter."""
+    speed = mission.limits.speed_mps
+    land = robot.land.model_copy(
+        update={"speed_mps": min(robot.land.speed_mps, speed.ground or robot.land.speed_mps)}
+    )
+    air = robot.air.model_copy(
+        update={
+            "speed_mps": min(robot.air.speed_mps, speed.air or robot.air.speed_mps),
+            "height_max_m": height_max_m(mission, robot),
+        }
+    )
+    reserve = max(robot.energy.reserve, mission.energy.reserve_pct / 100.0)
+    energy = robot.energy.model_copy(update={"reserve": reserve})
+    return robot.model_copy(update={"land": land, "air": air, "energy": energy})
+
+
+@contextlib.contextmanager
+def _signals(flight: Flight) -> Iterator[None]:
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGINT, flight.interrupt)
+    loop.add_signal_handler(signal.SIGTERM, flight.terminate)
+    try:
+        yield
+    finally:
+        loop.remove_signal_handler(signal.SIGINT)
+        loop.remove_signal_handler(signal.SIGTERM)
+
+
+def _log_to(path: Path) -> None:
+    root = logging.getLogger("labr")
+    root.setLevel(logging.INFO)
+    handler = logging.FileHandler(path, encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(relativeCreated)9d ms %(levelname)-7s %(name)s: %(message)s"))
+    root.addHandler(handler)
+    root.propagate = False

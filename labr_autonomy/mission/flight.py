@@ -1,0 +1,502 @@
+"""One flight: the tasks that connect the pilot to its links. It computes nothing itself."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from labr_autonomy.air.channel import AirChannel
+from labr_autonomy.clock import Clock, Ticker, utc_s
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.console.live import LiveLine, LiveState
+from labr_autonomy.errors import LabrError, LinkError
+from labr_autonomy.estimation.filter import PoseFilter
+from labr_autonomy.estimation.vio_link import VioLink, udp_address
+from labr_autonomy.estimation.vio_message import VioSample
+from labr_autonomy.ground.channel import GroundChannel
+from labr_autonomy.guard.failsafe import Health, Reaction
+from labr_autonomy.mission.meter import Meter
+from labr_autonomy.mission.pilot import Actions, Look, Order, Pilot
+from labr_autonomy.mission.steps import Step
+from labr_autonomy.modes.transition import Command
+from labr_autonomy.perception.frame_slot import FrameReader
+from labr_autonomy.planner.messages import PlanResult
+from labr_autonomy.planner.process import PlannerLink
+from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.types import ImuSample, Mode, Odometry, SetPoint, WheelOdometry
+
+TICK_S = 0.02  # set-points at 50 Hz
+PLAN_PERIOD_S = 0.1
+VISION_PERIOD_S = 1.0 / 30.0
+LOG_PERIOD_S = 0.1
+FRAME_LOG_PERIOD_S = 0.5
+FIRST_POSE_S = 10.0
+END_LATE_S = 90.0  # an aborted flight must be down by then
+
+log = logging.getLogger("labr.flight")
+
+
+@dataclass
+class LegRecord:
+    """How one step went."""
+
+    index: int
+    step: Step
+    start_s: float
+    end_s: float
+    outcome: str
+    land_m: float
+    air_m: float
+    energy_j: float
+    position_m: np.ndarray  # estimate at its end
+
+
+@dataclass
+class Record:
+    """Figures collected in flight."""
+
+    meter: Meter = field(default_factory=Meter)
+    tick_late_s: list[float] = field(default_factory=list)
+    plan_cycle_s: list[float] = field(default_factory=list)
+    setpoint_age_s: list[float] = field(default_factory=list)
+    legs: list[LegRecord] = field(default_factory=list)
+    map_xy_m: np.ndarray | None = None
+    ticks_missed: int = 0
+    started_s: float = 0.0
+    ended_s: float = 0.0
+
+
+class Flight:
+    """Links, tasks and records of one mission.
+
+    Args:
+        config: The robot, with its links.
+        pilot: Decides; fed at 50 Hz.
+        clock: Time.
+        air: The autopilot.
+        ground: The land controller.
+        flight_log: Where everything is written.
+        line: Shows the flight.
+        legs: Number of steps, for the live line.
+    """
+
+    def __init__(
+        self,
+        config: RobotConfig,
+        pilot: Pilot,
+        clock: Clock,
+        air: AirChannel,
+        ground: GroundChannel,
+        flight_log: FlightLog,
+        line: LiveLine,
+        legs: int,
+    ) -> None:
+        self._config = config
+        self._pilot = pilot
+        self._clock = clock
+        self._air = air
+        self._ground = ground
+        self._log = flight_log
+        self._line = line
+        self._legs = legs
+        self._filter = PoseFilter()
+        self._planner = PlannerLink(config, config.links.depth)
+        self._frames: FrameReader | None = None
+        self._commands: asyncio.Queue[Command] = asyncio.Queue(maxsize=1)
+        self._order = Order.FLY
+        self._plan_sequence = 0
+        self._planned_s = -math.inf
+        self._result_s = -math.inf
+        self._used_frame_s: float | None = None
+        self._note = ""
+        self._logged_frame_s = -math.inf
+        self._actions: Actions | None = None
+        self._done = asyncio.Event()
+        self._leg_from: tuple[float, float, float, float] | None = None
+        self.record = Record()
+        self.planner_versions: dict[str, str] = {}
+
+    # ------------------------------------------------------------------ opening and closing
+    async def open(self, say: Callable[[str], None]) -> None:
+        """Open every link and wait until each of them answers.
+
+        Raises:
+            LinkError: Naming the link that does not.
+        """
+        self._planner.start()
+        host, port = udp_address(self._config.links.vio)
+        say(f"poses on {host}:{port}; land controller on {self._config.links.ground}")
+        loop = asyncio.get_running_loop()
+        self._vio = VioLink(self._config.links.vio, self._take_vio, self._clock)
+        await loop.create_datagram_endpoint(lambda: self._vio, local_addr=(host, port))
+        self._frames = await asyncio.to_thread(FrameReader, self._config.links.depth, FIRST_POSE_S)
+        self._ground.on_odometry = self._take_wheels
+        await self._ground.open(5.0)
+        self._air.on_imu = self._take_imu
+        say(f"autopilot on {self._config.links.air}")
+        await self._air.connect(15.0)
+        say("planner: loading network, map and refiner (the first start compiles and takes a minute)")
+        ready = await self._planner.wait_ready()
+        self.planner_versions = ready.versions
+        say(f"planner ready after {ready.load_s:.1f} s")
+        await self._first_pose()
+
+    async def _first_pose(self) -> None:
+        deadline_s = self._clock.now_s() + FIRST_POSE_S
+        while not self._filter.ready or self._frames is None or self._frames.newest_header() is None:
+            now_s = self._clock.now_s()
+            if now_s > deadline_s:
+                raise LinkError(
+                    f"no pose on {self._config.links.vio} within {FIRST_POSE_S:.0f} s",
+                    "Start the VIO and look at its output",
+                )
+            await self._clock.sleep_until(now_s + 0.05)
+
+    def odometry(self) -> Odometry:
+        """The present estimate; only after `open`."""
+        estimate = self._filter.predicted(self._clock.now_s())
+        if estimate is None:
+            raise LinkError("there is no pose yet", "Start the VIO and look at its output")
+        return estimate
+
+    async def close(self) -> None:
+        """Wheels to rest, processes and ports gone."""
+        self._ground.send_velocity(0.0, 0.0, engaged=False, air_lock=False)
+        self._planner.close()
+        if self._frames is not None:
+            self._frames.close()
+        self._vio.close()
+        await self._ground.close()
+        await self._air.close()
+
+    # ------------------------------------------------------------------ the operator
+    def interrupt(self) -> None:
+        """Ctrl-C: once holds, twice comes down and ends."""
+        if self._order is Order.FLY:
+            self._order = Order.HOLD
+            self._say("operator: hold (again to land and stop)")
+        else:
+            self._order = Order.LAND
+            self._say("operator: land and stop")
+
+    def terminate(self) -> None:
+        """SIGTERM: come down and end."""
+        self._order = Order.LAND
+        self._say("operator: land and stop")
+
+    @property
+    def aborted(self) -> bool:
+        """Whether the operator ended the flight."""
+        return self._order is Order.LAND
+
+    # ------------------------------------------------------------------ the tasks
+    async def run(self) -> None:
+        """Fly until the mission is over and the robot stands."""
+        self.record.started_s = self._clock.now_s()
+        gc.collect()
+        gc.freeze()  # a full collection over the loaded modules would stall the set-points by 150 ms
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                running = [
+                    tasks.create_task(self._ground.run(), name="ground link"),
+                    tasks.create_task(self._tick_loop(), name="set-points"),
+                    tasks.create_task(self._vision_loop(), name="vision to autopilot"),
+                    tasks.create_task(self._command_loop(), name="commands"),
+                    tasks.create_task(self._planner_loop(), name="planner watch"),
+                    tasks.create_task(self._show_loop(), name="log and live line"),
+                ]
+                await self._done.wait()
+                for task in running:
+                    task.cancel()
+        finally:
+            gc.unfreeze()
+            self.record.ended_s = self._clock.now_s()
+
+    async def _tick_loop(self) -> None:
+        ticker = Ticker(self._clock, TICK_S)
+        before_s = self._clock.now_s()
+        aborted_s: float | None = None
+        while True:
+            late_s = await ticker.wait()
+            now_s = self._clock.now_s()
+            self.record.tick_late_s.append(late_s)
+            self.record.ticks_missed = ticker.missed
+            actions = self._pilot.tick(self._look(now_s), now_s)
+            self._send(actions)
+            self._account(actions, now_s, now_s - before_s)
+            before_s = now_s
+            self._plan(now_s)
+            if self.aborted and aborted_s is None:
+                aborted_s = now_s
+            landed = (
+                self.aborted and actions.phase.value == "driving" and abs(self._ground.state.speed_mps) < 0.05
+            )
+            late = aborted_s is not None and now_s - aborted_s > END_LATE_S
+            yielded = actions.reaction is Reaction.YIELD and not self._air.state.armed
+            if actions.finished or landed or late or yielded:
+                self._done.set()
+                return
+
+    def _look(self, now_s: float) -> Look:
+        ground, air = self._ground.state, self._air.state
+        header = self._frames.newest_header() if self._frames is not None else None
+        planning = self._pilot.planning_mode is not None
+        plan_age_s = now_s - max(self._result_s, self.record.started_s)
+        health = Health(
+            mode=self._pilot.mode,
+            vio_age_s=self._filter.ages(now_s)["vio"],
+            depth_age_s=math.inf if header is None else now_s - header[1],
+            ground_age_s=ground.age_s,
+            air_age_s=air.heartbeat_age_s,
+            plan_age_s=plan_age_s if planning else 0.0,
+            vio_rejected=self._filter.vio_rejected_in_a_row,
+            estop=ground.mode == "estop",
+            taken_over=self._pilot.taken_over(air.mode, now_s),
+            battery_left=1.0 if air.battery_remaining is None else air.battery_remaining,
+            battery_reserve=self._config.energy.reserve,
+        )
+        return Look(
+            odometry=self._filter.predicted(now_s),
+            wheel_speed_mps=ground.speed_mps,
+            wheel_yaw_rate_rps=ground.yaw_rate_rps,
+            wheel_load=ground.wheel_load,
+            armed=air.armed,
+            autopilot_mode=air.mode,
+            landed=air.landed == "on_ground",
+            health=health,
+            order=self._order,
+        )
+
+    def _send(self, actions: Actions) -> None:
+        self._ground.send_velocity(
+            actions.speed_mps, actions.yaw_rate_rps, engaged=actions.engaged, air_lock=actions.air_lock
+        )
+        if actions.air is not None:
+            self._send_air(actions.air)
+        if actions.command is not None:
+            if self._commands.full():  # the newest command counts
+                self._commands.get_nowait()
+            self._commands.put_nowait(actions.command)
+        if actions.plan_used_s is not None and actions.plan_used_s != self._used_frame_s:
+            self._used_frame_s = actions.plan_used_s
+            self.record.setpoint_age_s.append(self._clock.now_s() - actions.plan_used_s)
+        for sentence in actions.events:
+            self._say(sentence)
+        if actions.reference is not None:
+            self._log.setpoint(actions.reference)
+        if self._actions is None or actions.phase is not self._actions.phase:
+            self._log.mode(self._clock.now_s(), actions.mode.value, actions.phase.value, self._note)
+        self._actions = actions
+
+    def _send_air(self, setpoint: SetPoint) -> None:
+        try:
+            self._air.send_setpoint(setpoint)
+        except LabrError as error:
+            self._say(f"air: {error}")
+
+    def _account(self, actions: Actions, now_s: float, dt_s: float) -> None:
+        estimate = self._filter.predicted(now_s)
+        if estimate is None:
+            return
+        ground = self._ground.state
+        speed = float(np.linalg.norm(estimate.velocity_mps))
+        meter = self.record.meter
+        meter.add(actions.phase, estimate.pose.position_m, speed, ground.battery_v * ground.current_a, dt_s)
+        if self._leg_from is None:
+            self._leg_from = (now_s, meter.land_m, meter.air_m, meter.energy_j)
+        if actions.reached is not None or (self._pilot.failure and not self._leg_failed()):
+            self._end_leg(actions, now_s, estimate)
+
+    def _leg_failed(self) -> bool:
+        return bool(self.record.legs) and self.record.legs[-1].outcome == "failed"
+
+    def _end_leg(self, actions: Actions, now_s: float, estimate: Odometry) -> None:
+        assert self._leg_from is not None
+        started_s, land_m, air_m, energy_j = self._leg_from
+        meter = self.record.meter
+        index = len(self.record.legs)
+        step = actions.reached or actions.step or self._pilot.step_at(index)
+        if step is None:
+            return
+        outcome = "done" if actions.reached is not None else "failed"
+        self.record.legs.append(
+            LegRecord(
+                index,
+                step,
+                started_s,
+                now_s,
+                outcome,
+                meter.land_m - land_m,
+                meter.air_m - air_m,
+                meter.energy_j - energy_j,
+                estimate.pose.position_m.copy(),
+            )
+        )
+        self._leg_from = (now_s, meter.land_m, meter.air_m, meter.energy_j)
+
+    async def _vision_loop(self) -> None:
+        ticker = Ticker(self._clock, VISION_PERIOD_S)
+        while True:
+            await ticker.wait()
+            estimate = self._filter.predicted(self._clock.now_s())
+            if estimate is None:
+                continue
+            try:
+                self._air.send_vision(estimate)
+            except LabrError as error:
+                self._say(f"air: {error}")
+
+    async def _command_loop(self) -> None:
+        requests = {
+            Command.OFFBOARD: self._air.start_offboard,
+            Command.ARM: self._air.arm,
+            Command.LAND: self._air.land,
+            Command.DISARM: self._air.disarm,
+        }
+        while True:
+            command = await self._commands.get()
+            try:
+                await requests[command]()
+            except LabrError as error:
+                self._say(f"air: {error}")
+
+    async def _planner_loop(self) -> None:
+        """Notice the planner's death and replace it once."""
+        ticker = Ticker(self._clock, 0.1)
+        self._planner.on_result = self._take_plan
+        while True:
+            await ticker.wait()
+            if self._planner.alive:
+                continue
+            if self._planner.restarts:
+                self._pilot.fail("the planner process ended twice")
+                return
+            self._say("the planner process ended; starting it again")
+            await self._planner.restart()
+
+    async def _show_loop(self) -> None:
+        ticker = Ticker(self._clock, LOG_PERIOD_S)
+        while True:
+            await ticker.wait()
+            now_s = self._clock.now_s()
+            estimate = self._filter.predicted(now_s)
+            if estimate is not None:
+                self._log.odometry(estimate)
+            ages = self._ages(now_s)
+            self._log.link_ages(now_s, ages)
+            ground, meter = self._ground.state, self.record.meter
+            self._log.battery(
+                now_s,
+                voltage_v=ground.battery_v,
+                power_w=ground.battery_v * ground.current_a,
+                energy_land_j=meter.energy_land_j,
+                energy_air_j=meter.energy_air_j,
+                energy_transition_j=meter.energy_transition_j,
+            )
+            self._show(now_s, ages)
+            self._log_frame()
+
+    def _show(self, now_s: float, ages: dict[str, float]) -> None:
+        actions = self._actions
+        if actions is None:
+            return
+        self._line.update(
+            LiveState(
+                time_s=now_s - self.record.started_s,
+                mode=actions.mode.value,
+                phase=actions.phase.value,
+                leg=min(self._pilot.steps.index + 1, self._legs),
+                legs=self._legs,
+                goal=actions.step.label if actions.step else "-",
+                distance_m=actions.distance_m,
+                energy_j=self.record.meter.energy_j,
+                link_ages_s=ages,
+                note=self._note,
+            )
+        )
+
+    def _log_frame(self) -> None:
+        header = self._frames.newest_header() if self._frames is not None else None
+        if header is None or self._frames is None:
+            return
+        then = self._filter.at(header[1])
+        if then is None or header[1] - self._logged_frame_s < FRAME_LOG_PERIOD_S:
+            return
+        self._logged_frame_s = header[1]
+        frame = self._frames.get(header[0])
+        if frame is not None:
+            self._log.depth(frame, then.pose, self._config.camera)
+
+    def _ages(self, now_s: float) -> dict[str, float]:
+        header = self._frames.newest_header() if self._frames is not None else None
+        return {
+            "vio": self._filter.ages(now_s)["vio"],
+            "depth": math.inf if header is None else now_s - header[1],
+            "plan": now_s - self._result_s,
+            "px4": now_s - self._air.state.stamp_s,
+            "stm32": self._ground.state.age_s,
+        }
+
+    # ------------------------------------------------------------------ what comes in
+    def _take_vio(self, sample: VioSample) -> None:
+        self._filter.add_vio(sample)
+
+    def _take_imu(self, sample: ImuSample) -> None:
+        self._filter.add_imu(sample)
+
+    def _take_wheels(self, sample: WheelOdometry) -> None:
+        standing = self._pilot.mode is Mode.LAND and self._ground.state.wheel_load
+        self._filter.add_wheels(sample, standing)
+
+    def _take_plan(self, result: PlanResult) -> None:
+        now_s = self._clock.now_s()
+        self._result_s = now_s
+        self.record.plan_cycle_s.append(result.timings.total_s)
+        if result.map_xy_m is not None:
+            self.record.map_xy_m = result.map_xy_m
+        self._pilot.accept(result)
+        self._log.plan(
+            now_s,
+            frame_stamp_s=result.frame_stamp_s,
+            network=result.network,
+            followed=result.followed,
+            trajectory=result.trajectory,
+            source=result.source,
+            clearance_m=result.clearance_m,
+            reason=result.reason,
+            timings_s={
+                "map": result.timings.map_s,
+                "network": result.timings.network_s,
+                "route": result.timings.route_s,
+                "refine": result.timings.refine_s,
+                "total": result.timings.total_s,
+            },
+        )
+
+    def _plan(self, now_s: float) -> None:
+        if self._planner.busy or now_s - self._planned_s < PLAN_PERIOD_S or self._frames is None:
+            return
+        header = self._frames.newest_header()
+        estimate = self._filter.predicted(now_s)
+        if header is None or estimate is None:
+            return
+        then = self._filter.at(header[1])
+        if then is None:
+            return
+        self._plan_sequence += 1
+        request = self._pilot.request(self._plan_sequence, header[0], then.pose, estimate, now_s)
+        if self._planner.send(request):
+            self._planned_s = now_s
+
+    def _say(self, sentence: str) -> None:
+        now_s = self._clock.now_s()
+        self._note = sentence
+        self._log.event(now_s, sentence)
+        self._line.say(f"{now_s - self.record.started_s:7.2f} s  {sentence}")
+        log.info("%.3f %s", utc_s(), sentence)

@@ -1,0 +1,47 @@
+"""What the simulator process is told, as one JSON file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.errors import BadInput
+
+Place = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class SimSpec:
+    """World, start, seed and robot of one simulated run."""
+
+    world: dict[str, Any]  # as in the mission's `sim.world`
+    seed: int
+    start: tuple[float, float, float]  # x, y [m], yaw [rad], odom
+    keep_clear_m: tuple[Place, ...] = ()  # places that a generated world leaves free, odom
+    ask_m: tuple[Place, ...] = ()  # body positions whose clearance is reported before the start, odom
+    worlds_dir: str | None = None
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    die_with_parent: bool = True
+
+    def save(self, path: Path) -> None:
+        """Write the JSON file."""
+        values = {name: getattr(self, name) for name in self.__slots__}
+        path.write_text(json.dumps({**values, "robot": self.robot.model_dump()}, indent=1))
+
+    @staticmethod
+    def load(path: Path) -> SimSpec:
+        """Read what `save` wrote.
+
+        Raises:
+            BadInput: when the file is absent or not of this form.
+        """
+        try:
+            values = json.loads(path.read_text())
+            places = {k: tuple(tuple(p) for p in values.pop(k)) for k in ("keep_clear_m", "ask_m")}
+            start = tuple(values.pop("start"))
+            return SimSpec(**{**values, **places, "start": start, "robot": RobotConfig(**values["robot"])})
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            raise BadInput(f"the simulator's spec {path} cannot be read: {error}") from error
