@@ -83,7 +83,7 @@ class AirChannel:
     async def _open(self, deadline_s: float, timeout_s: float) -> None:
         self._link = Link()
         if self._tlog is not None:
-            self._recorder = await Recorder.open(self._tlog, self._clock)
+            self._recorder = Recorder(self._tlog, self._clock)
             self._link.add(self._recorder.url, forward=True)
         self._link.add(self._url, forward=self._recorder is not None)
         system = await self._link.first_autopilot(timeout_s)
@@ -113,7 +113,7 @@ class AirChannel:
         if self._link is not None:
             self._link.close()
         if self._recorder is not None:
-            await self._recorder.close()
+            self._recorder.close()
         self._link = self._mailbox = self._recorder = self._commands = None
 
     # -- every tick ---------------------------------------------------------------------------------
@@ -140,7 +140,7 @@ class AirChannel:
 
     @property
     def state(self) -> AirState:
-        """What is known now; reading costs about 30 us.
+        """What is known now; reading costs about 50 us.
 
         Raises:
             LinkError: Not connected yet.

@@ -4,12 +4,17 @@ MAVSDK forwards every frame to a UDP socket of ours. Two of its routing rules ne
 system 1 go only to links on which system 1 was heard: so the recorder announces itself there as what it
 is, the vehicle's logging component (1/155). And frames addressed to the companion itself are not passed
 on: their acknowledgements are encoded anew here (same fields; the sequence number is the recorder's own).
+
+The socket is emptied 20 times a second by a thread: one wake-up for some 25 frames, none on the event
+loop, and the log goes on while the loop hangs. The kernel's receive stamps keep the frames' true times.
 """
 
 from __future__ import annotations
 
-import asyncio
-from typing import Any, cast
+import contextlib
+import socket
+import struct
+import threading
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -20,55 +25,36 @@ from labr_autonomy.record.tlog import Tlog
 
 LOGGER_COMPONENT = 155  # MAV_COMP_ID_LOG
 ANNOUNCE_S = 1.0
+DRAIN_S = 0.05
+BATCH_MAX = 2000  # frames at once; PX4's onboard link carries 25 in DRAIN_S
+BUFFER_BYTES = 1 << 20  # wished for; what Linux gives by default (208 kB) holds half a second of the link
+DATAGRAM_MAX = 2048
+SO_TIMESTAMPNS = 35  # Linux, asm-generic/socket.h; also the type of the control message it gives
+TIMESPEC = struct.Struct("@ll")
 
 
-class Recorder(asyncio.DatagramProtocol):
-    """A local UDP socket that writes what it is sent."""
+class Recorder:
+    """A local UDP socket and the thread that writes what it is sent."""
 
     def __init__(self, tlog: Tlog, clock: Clock) -> None:
         self._tlog = tlog
         self._clock = clock
         self._announced_s = -ANNOUNCE_S
-        self._transport: asyncio.DatagramTransport | None = None
-        self._closed = asyncio.Event()
         self._own = mavlink.MAVLink(None, VEHICLE_SYSTEM, LOGGER_COMPONENT)
         self._autopilot = mavlink.MAVLink(None, VEHICLE_SYSTEM, AUTOPILOT_COMPONENT)
-
-    @classmethod
-    async def open(cls, tlog: Tlog, clock: Clock) -> Recorder:
-        """Bind a free port on the loopback."""
-        loop = asyncio.get_running_loop()
-        _, recorder = await loop.create_datagram_endpoint(
-            lambda: cls(tlog, clock), local_addr=("127.0.0.1", 0)
-        )
-        return recorder
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.setblocking(False)
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="air-recorder", daemon=True)
+        self._thread.start()
 
     @property
     def url(self) -> str:
         """Where MAVSDK shall forward to."""
-        if self._transport is None:
-            raise RuntimeError("the recorder is not open")
-        return f"udpout://127.0.0.1:{self._transport.get_extra_info('sockname')[1]}"
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The socket is bound."""
-        self._transport = cast(asyncio.DatagramTransport, transport)
-
-    def datagram_received(self, data: bytes, address: Any) -> None:
-        """Frames from MAVSDK."""
-        self._tlog.write(utc_s(), data)
-        now_s = self._clock.now_s()
-        if self._transport is not None and now_s - self._announced_s >= ANNOUNCE_S:
-            self._announced_s = now_s
-            beat = self._own.heartbeat_encode(
-                mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-                mavlink.MAV_AUTOPILOT_INVALID,
-                0,
-                0,
-                mavlink.MAV_STATE_ACTIVE,
-            )
-            self._transport.sendto(bytes(beat.pack(self._own)), address)
-            self._own.seq = (self._own.seq + 1) & 0xFF
+        return f"udpout://127.0.0.1:{self._socket.getsockname()[1]}"
 
     def write_ack(self, fields: Received) -> None:
         """Log a COMMAND_ACK that was addressed to us."""
@@ -77,12 +63,47 @@ class Recorder(asyncio.DatagramProtocol):
         self._tlog.write(utc_s(), bytes(ack.pack(self._autopilot)))
         self._autopilot.seq = (self._autopilot.seq + 1) & 0xFF
 
-    def connection_lost(self, _error: Exception | None) -> None:
-        """The socket is closed."""
-        self._closed.set()
+    def close(self) -> None:
+        """Write what has arrived and close the socket; the tlog stays its owner's. Can be called again."""
+        self._closing.set()
+        self._thread.join()
+        self._socket.close()
 
-    async def close(self) -> None:
-        """Close the socket; the tlog stays its owner's."""
-        if self._transport is not None:
-            self._transport.close()
-            await self._closed.wait()
+    def _run(self) -> None:
+        while not self._closing.wait(DRAIN_S):
+            self._drain()
+        self._drain()
+
+    def _drain(self) -> None:
+        while True:
+            try:
+                data, control, _, address = self._socket.recvmsg(
+                    DATAGRAM_MAX, socket.CMSG_SPACE(TIMESPEC.size)
+                )
+            except BlockingIOError:
+                return
+            except OSError:  # MAVSDK's end of the link has closed: an ICMP error of no interest
+                continue
+            self._tlog.write(_received_s(control), data)
+            self._announce(address)
+
+    def _announce(self, address: tuple[str, int]) -> None:
+        now_s = self._clock.now_s()
+        if now_s - self._announced_s < ANNOUNCE_S:
+            return
+        self._announced_s = now_s
+        beat = self._own.heartbeat_encode(
+            mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE
+        )
+        with contextlib.suppress(OSError):  # the next announcement makes good for it
+            self._socket.sendto(bytes(beat.pack(self._own)), address)
+        self._own.seq = (self._own.seq + 1) & 0xFF
+
+
+def _received_s(control: list[tuple[int, int, bytes]]) -> float:
+    """When the kernel received the datagram [s since the epoch]."""
+    for level, kind, stamp in control:
+        if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS:
+            seconds, nanoseconds = TIMESPEC.unpack(stamp[: TIMESPEC.size])
+            return float(seconds + nanoseconds * 1e-9)
+    return utc_s()

@@ -52,11 +52,10 @@ def setpoint_fields(setpoint: SetPoint, start_s: float, system: int, component: 
     Raises:
         Refused: A value is not finite, or it is older than the link.
     """
-    position = enu_ned(setpoint.position_m)
-    velocity = enu_ned(setpoint.velocity_mps)
-    acceleration = enu_ned(setpoint.acceleration_mps2)
+    odom = np.array([setpoint.position_m, setpoint.velocity_mps, setpoint.acceleration_mps2])
+    position, velocity, acceleration = enu_ned(odom).tolist()
     values = [*position, *velocity, *acceleration, setpoint.yaw_rad, setpoint.yaw_rate_rps, setpoint.stamp_s]
-    if not all(math.isfinite(v) for v in values):
+    if not all(map(math.isfinite, values)):
         raise Refused(
             "a set-point with a value that is not finite was not sent", "Look at the planner's log."
         )
@@ -66,15 +65,15 @@ def setpoint_fields(setpoint: SetPoint, start_s: float, system: int, component: 
         "target_component": component,
         "coordinate_frame": LOCAL_NED,
         "type_mask": USE_ALL,
-        "x": float(position[0]),
-        "y": float(position[1]),
-        "z": float(position[2]),
-        "vx": float(velocity[0]),
-        "vy": float(velocity[1]),
-        "vz": float(velocity[2]),
-        "afx": float(acceleration[0]),
-        "afy": float(acceleration[1]),
-        "afz": float(acceleration[2]),
+        "x": position[0],
+        "y": position[1],
+        "z": position[2],
+        "vx": velocity[0],
+        "vy": velocity[1],
+        "vz": velocity[2],
+        "afx": acceleration[0],
+        "afy": acceleration[1],
+        "afz": acceleration[2],
         "yaw": yaw_enu_ned(setpoint.yaw_rad),
         "yaw_rate": -setpoint.yaw_rate_rps,
     }
@@ -90,26 +89,26 @@ def vision_fields(odometry: Odometry) -> Fields:
         Refused: Pose or velocity are not finite.
     """
     q = odometry.pose.quaternion
-    position = enu_ned(odometry.pose.position_m)
-    velocity = flu_frd(rotation_matrix(quaternion_conjugate(q)) @ odometry.velocity_mps)
-    rates = flu_frd(odometry.angular_velocity_rps)
-    turned = quaternion_enu_flu_to_ned_frd(q)
-    if not all(math.isfinite(v) for v in (*position, *velocity, *rates, *turned, odometry.stamp_s)):
+    position = enu_ned(odometry.pose.position_m).tolist()
+    v_body = rotation_matrix(quaternion_conjugate(q)) @ odometry.velocity_mps
+    velocity, rates = flu_frd(np.array([v_body, odometry.angular_velocity_rps])).tolist()
+    turned = quaternion_enu_flu_to_ned_frd(q).tolist()
+    if not all(map(math.isfinite, (*position, *velocity, *rates, *turned, odometry.stamp_s))):
         raise Refused("a pose with a value that is not finite was not sent", "Look at the estimator's log.")
     return {
         "time_usec": int(odometry.stamp_s * 1e6),
         "frame_id": LOCAL_FRD,
         "child_frame_id": BODY_FRD,
-        "x": float(position[0]),
-        "y": float(position[1]),
-        "z": float(position[2]),
-        "q": [float(v) for v in turned],
-        "vx": float(velocity[0]),
-        "vy": float(velocity[1]),
-        "vz": float(velocity[2]),
-        "rollspeed": float(rates[0]),
-        "pitchspeed": float(rates[1]),
-        "yawspeed": float(rates[2]),
+        "x": position[0],
+        "y": position[1],
+        "z": position[2],
+        "q": turned,
+        "vx": velocity[0],
+        "vy": velocity[1],
+        "vz": velocity[2],
+        "rollspeed": rates[0],
+        "pitchspeed": rates[1],
+        "yawspeed": rates[2],
         "pose_covariance": covariance_upper(odometry.covariance),
         "velocity_covariance": [None] * 21,
         "reset_counter": 0,
@@ -121,4 +120,4 @@ def vision_fields(odometry: Odometry) -> Fields:
 def covariance_upper(covariance: Array) -> list[float | None]:
     """Upper triangle, row by row, of (6, 6) turned from odom/FLU to NED/FRD; None where not finite."""
     turned = _TO_NED_FRD @ covariance @ _TO_NED_FRD.T
-    return [float(v) if math.isfinite(v) else None for v in turned[_UPPER]]
+    return [v if math.isfinite(v) else None for v in turned[_UPPER].tolist()]

@@ -108,7 +108,8 @@ def imu_sample(fields: Received, stamp_s: float) -> ImuSample | None:
     rates = vector(fields, "xgyro", "ygyro", "zgyro")
     if force is None or rates is None:
         return None
-    return ImuSample(stamp_s, flu_frd(force), flu_frd(rates))
+    turned = flu_frd(np.array([force, rates]))
+    return ImuSample(stamp_s, turned[0], turned[1])
 
 
 def battery(fields: Received) -> tuple[float | None, float | None, float | None, float | None]:
