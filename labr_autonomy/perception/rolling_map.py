@@ -1,0 +1,296 @@
+"""Occupancy round the robot, built from depth images: log-odds cells in a box that moves with the robot.
+
+Unknown is kept apart from free. The box is centred on the robot in x and y and moves by whole cells; in
+height it stands on the floor, so that the floor and everything the robot can reach stay inside. Frame: odom.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.errors import LabrError
+from labr_autonomy.frames import rotation_matrix
+from labr_autonomy.perception.fields import Bits, Field2, Field3
+from labr_autonomy.perception.raycast import Grid, integrate
+from labr_autonomy.types import Array, DepthFrame, Intrinsics, Pose
+
+# Log-odds in units of 0.05: two certain returns make an obstacle, and six frames that see through the
+# strongest obstacle remove it again.
+HIT, MISS = 20, 8
+LOWEST, HIGHEST = -40, 70
+OCCUPIED = 30
+
+FLOOR_BAND_M = 0.06  # returns this close to the floor's plane are the floor
+FLOOR_TILT = math.radians(0.5)  # error of the attitude, which tells from ...
+FLOOR_TILT_FROM_M = 3.0  # ... this distance on
+BELOW_FLOOR_CELLS = 2
+HEADROOM_M = 0.6  # above the body origin, kept inside the box
+LAYER_OVERLAP_M = 0.02  # a layer counts for a height range when it overlaps it by more than this
+LAND_HEADROOM_M = 0.05  # added to the robot's height when it drives under something
+
+# D435 datasheet and recordings: 0.1 px of disparity at 848 columns, 50 mm baseline.
+_DISPARITY_SIGMA_PX, _SENSOR_COLUMNS, _BASELINE_M = 0.1, 848, 0.050
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """What the map knows of an upright cylinder."""
+
+    occupied: int  # cells
+    known: float  # share of the cells that have been seen, 0..1
+
+    @property
+    def clear(self) -> bool:
+        """Whether no cell is occupied; look at `known` as well."""
+        return self.occupied == 0
+
+
+class RollingMap:
+    """Log-odds occupancy grid that follows the robot.
+
+    Args:
+        config: Outline, camera and clearances.
+        size_m: Edges of the box [m].
+        cell_m: Edge of a cell [m].
+        stride: Every how many pixels, in both directions, a ray is cast; the pattern shifts with each frame.
+        range_m: Longest distance at which returns and free space are believed [m].
+    """
+
+    def __init__(
+        self,
+        config: RobotConfig,
+        size_m: tuple[float, float, float] = (20.0, 20.0, 3.2),
+        cell_m: float = 0.1,
+        *,
+        stride: int = 3,
+        range_m: float = 6.0,
+    ) -> None:
+        self._config = config
+        self.cell_m = cell_m
+        self.stride = stride
+        self.range_m = range_m
+        shape = tuple(round(edge / cell_m) for edge in size_m)
+        self.log_odds: Grid = np.zeros(shape, np.int8)
+        self._corner = np.zeros(3, np.int64)  # odom, in whole cells
+        self._marks = np.zeros(self.log_odds.size, np.int8)
+        self._touched = np.zeros(self.log_odds.size, np.int32)
+        self._placed = False
+        self.floor_z_m = 0.0
+        self.frames = 0
+
+    @property
+    def origin_m(self) -> Array:
+        """Lower corner (3,) odom [m]."""
+        out: Array = self._corner.astype(np.float64) * self.cell_m
+        return out
+
+    @property
+    def occupied(self) -> Bits:
+        """(nx, ny, nz) cells believed solid."""
+        return self.log_odds >= OCCUPIED
+
+    @property
+    def free(self) -> Bits:
+        """(nx, ny, nz) cells that were seen through."""
+        return self.log_odds < 0
+
+    @property
+    def unknown(self) -> Bits:
+        """(nx, ny, nz) cells that are neither."""
+        return (self.log_odds >= 0) & (self.log_odds < OCCUPIED)
+
+    def update(self, frame: DepthFrame, pose: Pose, floor_z_m: float) -> int:
+        """Take in one depth image.
+
+        Args:
+            frame: The image.
+            pose: Body in odom at the image's stamp.
+            floor_z_m: Height of the floor under the robot, odom.
+
+        Returns:
+            How many cells were seen.
+        """
+        self._follow(pose.position_m, floor_z_m)
+        camera = self._config.camera
+        rotation = np.ascontiguousarray(rotation_matrix(pose.quaternion))
+        eye_m = pose.position_m + rotation @ np.array([camera.x_m, 0.0, camera.z_m])
+        k = self.frames
+        self.frames += 1
+        cell = self.cell_m
+        return integrate(
+            self.log_odds,
+            self._marks,
+            self._touched,
+            np.ascontiguousarray(frame.depth_m, np.float32),
+            optics=_optics(frame.intrinsics),
+            rotation=rotation,
+            eye=eye_m / cell - self._corner,
+            cell_m=cell,
+            sampling=(self.stride, k % self.stride, (k // self.stride) % self.stride),
+            ranges=(camera.range_min_m, camera.range_max_m, self.range_m, self.range_m),
+            floor=(
+                floor_z_m / cell - float(self._corner[2]),
+                FLOOR_BAND_M / cell,
+                FLOOR_TILT / cell,
+                FLOOR_TILT_FROM_M,
+            ),
+            weights=(HIT, MISS, LOWEST, HIGHEST),
+        )
+
+    def clear_robot(self, pose: Pose) -> None:
+        """Mark the space the robot itself fills as free: cells whose centre lies in its outline."""
+        if not self._placed:
+            self._follow(pose.position_m, pose.position_m[2] - self._config.body.below_m)
+        body = self._config.body
+        x, y, disc = self._disc(pose.position_m[:2], body.radius_m)
+        low, high = self._layers(pose.position_m[2] - body.below_m, pose.position_m[2] + body.above_m)
+        region = self.log_odds[x, y, low:high]
+        region[disc] = np.minimum(region[disc], LOWEST)
+
+    def land_field(self, pose: Pose, floor_z_m: float) -> Field2:
+        """Distance to what hinders the driving body, over the whole box.
+
+        Known is a column where an obstacle was seen, or whose lowest layer and most of the others up to
+        the robot's height were seen free.
+
+        Args:
+            pose: Body in odom; its attitude does not matter.
+            floor_z_m: Height of the floor it drives on, odom.
+        """
+        self._follow(pose.position_m, floor_z_m)
+        body = self._config.body
+        top_m = floor_z_m + body.below_m + body.above_m + LAND_HEADROOM_M
+        low, high = self._layers(floor_z_m + FLOOR_BAND_M, top_m)
+        layers = self.log_odds[:, :, low:high]
+        occupied = np.zeros(layers.shape[:2], bool)
+        free = np.zeros(layers.shape[:2], np.uint8)
+        for k in range(layers.shape[2]):  # few layers: faster than reducing over a short last axis
+            occupied |= layers[:, :, k] >= OCCUPIED
+            free += layers[:, :, k] < 0
+        known = occupied | ((layers[:, :, 0] < 0) & (2 * free > layers.shape[2]))
+        return Field2.from_occupied(occupied, known, self.origin_m[:2], self.cell_m)
+
+    def air_field(
+        self, centre_m: Array, half_m: tuple[float, float] = (3.0, 3.0), *, floor: bool = True
+    ) -> Field3:
+        """Distance to anything solid in a crop of the box, over its whole height.
+
+        Args:
+            centre_m: Centre of the crop (2,) or (3,), odom; only x and y count.
+            half_m: Half of its edges along x and y [m].
+            floor: Whether everything below the floor counts as solid; leave it out to take off and land.
+        """
+        self._require_place()
+        centre = np.asarray(centre_m, float)[:2]
+        half = np.asarray(half_m, float)
+        shape = np.array(self.log_odds.shape[:2])
+        low = np.floor((centre - half) / self.cell_m).astype(np.int64) - self._corner[:2]
+        high = np.ceil((centre + half) / self.cell_m).astype(np.int64) - self._corner[:2]
+        low, high = np.clip(low, 0, shape - 1), np.clip(high, 1, shape)
+        high = np.maximum(high, low + 1)
+        crop = self.log_odds[low[0] : high[0], low[1] : high[1]]
+        occupied = crop >= OCCUPIED
+        known = occupied | (crop < 0)
+        if floor:
+            below = max(0, round(self.floor_z_m / self.cell_m - float(self._corner[2])))
+            occupied[:, :, :below] = True
+            known[:, :, :below] = True
+        corner = self._corner + np.array([low[0], low[1], 0])
+        return Field3.from_occupied(occupied, known, corner * self.cell_m, self.cell_m)
+
+    def column_clear(self, xy_m: Array, radius_m: float, z_from_m: float, z_to_m: float) -> Column:
+        """What is known of an upright cylinder, to judge places for take-off and landing.
+
+        Args:
+            xy_m: Axis (2,), odom.
+            radius_m: Radius; every cell that it touches counts.
+            z_from_m: Lower end, odom; leave out the floor's band.
+            z_to_m: Upper end, odom.
+        """
+        self._require_place()
+        wanted = max(1, math.ceil((z_to_m - z_from_m) / self.cell_m - 1e-6)) * (
+            math.pi * (radius_m / self.cell_m) ** 2
+        )
+        x, y, disc = self._disc(np.asarray(xy_m, float), radius_m, touching=True)
+        low, high = self._layers(z_from_m, z_to_m)
+        region = self.log_odds[x, y, low:high][disc]
+        occupied = int((region >= OCCUPIED).sum())
+        seen = int((region < 0).sum()) + occupied
+        # What lies outside the box was not seen: never divide by fewer cells than the cylinder has.
+        return Column(occupied, min(1.0, seen / max(region.size, wanted, 1)))
+
+    def _follow(self, position_m: Array, floor_z_m: float) -> None:
+        """Move the box so that the robot is in its middle and the floor at its bottom."""
+        shape = np.array(self.log_odds.shape)
+        corner = np.floor(position_m / self.cell_m).astype(np.int64) - shape // 2
+        floor_cell = round(floor_z_m / self.cell_m)
+        corner[2] = floor_cell - BELOW_FLOOR_CELLS
+        if self._placed and 1 <= floor_cell - self._corner[2] <= BELOW_FLOOR_CELLS + 1:
+            corner[2] = self._corner[2]  # the floor's estimate may waver by a cell
+        top = math.ceil((position_m[2] + HEADROOM_M) / self.cell_m)
+        corner[2] = max(corner[2], top - shape[2])
+        self.floor_z_m = floor_z_m
+        if self._placed:
+            self._shift(corner - self._corner)
+        self._corner = corner
+        self._placed = True
+
+    def _shift(self, by: np.ndarray[tuple[int, ...], np.dtype[np.int64]]) -> None:
+        """Move the contents by whole cells; what comes in is unknown."""
+        if not by.any():
+            return
+        shape = self.log_odds.shape
+        moved = np.zeros_like(self.log_odds)
+        if all(abs(int(d)) < n for d, n in zip(by, shape, strict=True)):
+            source = tuple(slice(max(0, int(d)), n + min(0, int(d))) for d, n in zip(by, shape, strict=True))
+            target = tuple(slice(max(0, -int(d)), n - max(0, int(d))) for d, n in zip(by, shape, strict=True))
+            moved[target] = self.log_odds[source]
+        self.log_odds = moved
+
+    def _disc(self, xy_m: Array, radius_m: float, touching: bool = False) -> tuple[slice, slice, Bits]:
+        """Cells of a disc: slices along x and y and the mask within them, by centre or by any touch."""
+        cells = []
+        offsets = []
+        for axis in (0, 1):
+            at = float(xy_m[axis]) / self.cell_m - float(self._corner[axis])
+            reach = radius_m / self.cell_m + 1.0
+            size = self.log_odds.shape[axis]
+            low = min(max(math.floor(at - reach), 0), size)
+            high = min(max(math.ceil(at + reach), low), size)
+            cells.append(slice(low, high))
+            away = np.abs(np.arange(low, high) + 0.5 - at)
+            offsets.append(np.maximum(away - 0.5, 0.0) if touching else away)
+        squared = offsets[0][:, None] ** 2 + offsets[1][None, :] ** 2
+        disc: Bits = squared <= (radius_m / self.cell_m) ** 2
+        return cells[0], cells[1], disc
+
+    def _layers(self, low_m: float, high_m: float) -> tuple[int, int]:
+        """Range of layers that overlap a height range, clipped to the box; at least one."""
+        base = float(self._corner[2])
+        size = self.log_odds.shape[2]
+        low = math.floor((low_m + LAYER_OVERLAP_M) / self.cell_m - base)
+        high = math.ceil((high_m - LAYER_OVERLAP_M) / self.cell_m - base)
+        low = min(max(low, 0), size - 1)
+        return low, min(max(high, low + 1), size)
+
+    def _require_place(self) -> None:
+        if not self._placed:
+            raise LabrError("the rolling map is empty", "Give it a depth frame or clear_robot() first.")
+
+
+def _optics(i: Intrinsics) -> tuple[float, float, float, float, float]:
+    """Pinhole and depth noise at one metre."""
+    focal_px = i.fx * _SENSOR_COLUMNS / i.width  # at the sensor's own resolution
+    return i.fx, i.fy, i.cx, i.cy, _DISPARITY_SIGMA_PX / (focal_px * _BASELINE_M)
+
+
+def warm_up() -> None:
+    """Compile or load the kernels, so that the first frame of a flight is not late."""
+    grid = RollingMap(RobotConfig(), (1.0, 1.0, 1.0))
+    depth = np.ones((12, 16), np.float32)
+    frame = DepthFrame(0, 0.0, depth, Intrinsics(16, 12, 8.0, 8.0, 8.0, 6.0))
+    grid.update(frame, Pose(np.array([0.0, 0.0, 0.12]), np.array([1.0, 0.0, 0.0, 0.0])), 0.0)
