@@ -72,5 +72,7 @@ def test_the_share_of_invalid_pixels_is_as_recorded():
     depth[90:180, 60:130] = 1.5
     depth[100:170, 250:280] = 1.0
     depth[60:150, 330:400] = 2.0
+    for u in (150, 165, 195, 210, 225):  # legs of chairs
+        depth[80:150, u : u + 4] = 2.0
     measured = flawed_depth(depth.astype(np.float32), INTRINSICS, 1)
     assert 0.04 < (measured == 0).mean() < 0.14
