@@ -166,7 +166,7 @@ class AirModel:
 
     def shifted(self, previous: Trajectory, now_s: float, x0: Array) -> tuple[Array, Array]:
         """Seed from the previous plan at `now_s`, whatever part of a step has passed."""
-        grid = previous.start_s + previous.step_s * np.arange(len(previous.yaw_rad))
+        grid = np.linspace(previous.start_s, previous.end_s, len(previous.yaw_rad))
         t = now_s + grid_s(STEPS + 1)
         kept = np.concatenate(
             [previous.position_m, previous.velocity_mps, previous.acceleration_mps2], axis=1

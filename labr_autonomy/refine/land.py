@@ -16,6 +16,7 @@ from labr_autonomy.refine.values import STEP_S, STEPS, LandState, grid_s
 from labr_autonomy.types import Array, Mode, Source, Trajectory
 
 SUB = 4  # dense samples an interval
+FINE = 20  # integration steps an interval where a rate has corners
 _W_POSITION, _W_YAW_RATE, _W_ACCELERATION, _W_YAW_ACCELERATION = 5.0, 0.05, 0.05, 0.02
 
 
@@ -170,7 +171,14 @@ class LandModel:
         u[: len(brake_u), 0] = brake_u[:, 0]
         u[:, 1] = np.diff(turned[:, 1]) / STEP_S
         x = self.simulate(x0, u)
-        x[:, 2] = x0[2] + turned[:, 0]  # exact; the rate's corner lies inside an interval
+        # the rate's corners lie inside intervals: headings from the closed form, places from a finer sum
+        x[:, 2] = x0[2] + turned[:, 0]
+        fine = np.linspace(0.0, t[-1], steps * FINE + 1)
+        yaw = x0[2] + profile.turn_rates(angle, x0[4], rate, lim.yaw_acceleration_rps2, fine)[:, 0]
+        speed = np.interp(fine, t, x[:, 3])
+        rates = np.stack([speed * np.cos(yaw), speed * np.sin(yaw)], axis=1)
+        way = np.cumsum((rates[1:] + rates[:-1]) / 2.0 * (STEP_S / FINE), axis=0)
+        x[1:, :2] = x0[:2] + way[FINE - 1 :: FINE]
         x[-1, 3:] = 0.0
         return x, u
 
@@ -189,5 +197,5 @@ def _advance(x: Array, u: Array, h: float) -> Array:
 
 def _times(previous: Trajectory, now_s: float) -> tuple[Array, Array]:
     """Stamps of the new nodes and of the old ones [s]."""
-    grid: Array = previous.start_s + previous.step_s * np.arange(len(previous.yaw_rad))
+    grid = np.linspace(previous.start_s, previous.end_s, len(previous.yaw_rad))
     return now_s + grid_s(STEPS + 1), grid

@@ -1,0 +1,122 @@
+"""The search against brute force, and its edges."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+
+import numpy as np
+import pytest
+from refine_rooms import boxes2, random_boxes
+
+from labr_autonomy.clock import SystemClock
+from labr_autonomy.refine import search
+from labr_autonomy.refine.search import search_land, to_key_points
+
+
+def brute_force(free, price, start, goal):
+    """Cost of the cheapest way by a heap and nothing else."""
+    best, heap = {start: 0.0}, [(0.0, start)]
+    while heap:
+        cost, cell = heapq.heappop(heap)
+        if cell == goal:
+            return cost
+        if cost > best[cell]:
+            continue
+        for dx in (-1, 0, 1):
+            for dy in (-1, 0, 1):
+                n = (cell[0] + dx, cell[1] + dy)
+                if n == cell or not (0 <= n[0] < free.shape[0] and 0 <= n[1] < free.shape[1]) or not free[n]:
+                    continue
+                c = cost + math.hypot(dx, dy) * 0.5 * (price[cell] + price[n])
+                if c < best.get(n, math.inf):
+                    best[n] = c
+                    heapq.heappush(heap, (c, n))
+    return math.inf
+
+
+def priced(path, field, price):
+    fine = np.concatenate(
+        [a + np.linspace(0, 1, 200)[:, None] * (b - a) for a, b in itertools.pairwise(path)]
+    )
+    cells = np.floor((fine - field.origin_m) / field.cell_m).astype(int)
+    steps = np.linalg.norm(np.diff(fine, axis=0), axis=1) / field.cell_m
+    return float((steps * price[tuple(cells[:-1].T)]).sum())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_cost_equals_brute_force_and_the_path_is_free(seed):
+    start, goal = (0.85, 5.05), (9.15, 4.05 + seed * 0.5)
+    field = boxes2(random_boxes(seed, start, goal, 14), unknown=[(4.0, 2.0, 6.0, 8.0)] if seed % 2 else ())
+    distance = field.distance_m.astype(float)
+    free = distance > 0.35
+    price = search.cell_cost(distance, field.known, 0.35, 2.0)
+    a, b = ((int(p[0] / 0.1), int(p[1] / 0.1)) for p in (start, goal))
+    wanted = brute_force(free, price, a, b)
+    path = search_land(field, np.array(start), np.array(goal), 0.35)
+    if path is None:
+        assert wanted == math.inf
+        return
+    assert priced(path, field, price) <= wanted * 1.06  # straight cuts may not cost more, up to sampling
+    assert np.allclose(path[0], start)
+    assert np.allclose(path[-1], goal)
+    fine = np.concatenate(
+        [p + np.linspace(0, 1, 100)[:, None] * (q - p) for p, q in itertools.pairwise(path)]
+    )
+    assert field.lookup(fine).min() > 0.35 - 0.08  # cells are judged at their centres
+
+
+def test_prefers_known_ground_and_open_space():
+    wall = [(4.0, 2.0, 5.0, 6.0)]
+    low = search_land(boxes2(wall), np.array([2.0, 4.0]), np.array([7.0, 4.0]), 0.35)
+    assert low is not None
+    unknown = boxes2(wall, unknown=[(0.0, 0.0, 10.0, 2.0), (3.0, 0.0, 6.0, 2.0)])
+    around = search_land(unknown, np.array([2.0, 4.0]), np.array([7.0, 4.0]), 0.35, unknown_cost=10.0)
+    assert around is not None
+    assert around[:, 1].max() > 6.0
+    assert (
+        search_land(unknown, np.array([2.0, 4.0]), np.array([7.0, 4.0]), 0.35, unknown_cost=1.0) is not None
+    )
+
+
+def test_ends_are_snapped():
+    field = boxes2([(4.0, 4.0, 6.0, 6.0)])
+    inside = search_land(field, np.array([2.0, 5.0]), np.array([4.1, 5.0]), 0.35)
+    assert inside is not None
+    assert 0.3 < 4.0 - inside[-1, 0] < 0.5
+    assert search_land(field, np.array([2.0, 5.0]), np.array([5.0, 5.0]), 0.35) is None
+    close = search_land(field, np.array([3.8, 5.0]), np.array([2.0, 5.0]), 0.35)
+    assert close is not None
+    assert np.array_equal(close[0], [3.8, 5.0])
+    beyond = search_land(field, np.array([2.0, 2.0]), np.array([2.0, 30.0]), 0.0)
+    assert beyond is None or beyond[-1, 1] < 10.0
+
+
+def test_no_way_is_none():
+    field = boxes2([(4.0, 0.0, 5.0, 10.0)])
+    assert search_land(field, np.array([2.0, 5.0]), np.array([7.0, 5.0]), 0.35) is None
+
+
+@pytest.mark.slow
+def test_200_by_200_in_the_time_of_one_tick():
+    rng = np.random.default_rng(0)
+    boxes = [(*c, *(c + rng.uniform(0.3, 1.2, 2))) for c in rng.uniform([2, 1], [17, 18], (25, 2))]
+    field = boxes2(boxes, (20.0, 20.0))
+    search_land(field, np.array([1.0, 1.0]), np.array([19.0, 19.0]), 0.35)  # builds the topology
+    took = []
+    for _ in range(5):
+        began = SystemClock().now_s()
+        path = search_land(field, np.array([1.0, 1.0]), np.array([19.0, 19.0]), 0.35)
+        took.append(SystemClock().now_s() - began)
+    assert path is not None
+    assert min(took) < 0.1  # 30 ms on an idle machine
+
+
+def test_key_points_of_a_path():
+    path = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 10.0]])
+    points = to_key_points(path)
+    assert np.allclose(points, [[0.8, 0], [1.6, 0], [2.0, 0.4], [2.0, 1.2], [2.0, 2.0]])
+    short = to_key_points(path[:2], spacing_m=0.9)
+    assert np.allclose(short, [[0.9, 0], [1.8, 0], [2.0, 0]])
+    assert np.allclose(to_key_points(np.array([[1.0, 1.0], [1.2, 1.0]])), [[1.2, 1.0]])
