@@ -105,7 +105,7 @@ class LandController:
         return str(self._link_path) if self._link_path is not None else self._slave_path
 
     def step(self, now_s: float, inputs: Inputs) -> WheelTargets:
-        """Read the wire, decide, report. Call it at 250 Hz."""
+        """Read the wire, decide, report. Call it at 250 Hz, with the rover advanced to `now_s` before."""
         self._now_ms = self._milliseconds(now_s)
         dt_s = 0.0 if self._last_s is None else max(0.0, now_s - self._last_s)
         self._last_s = now_s

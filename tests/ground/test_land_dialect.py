@@ -46,7 +46,7 @@ def test_xml_without_protocol_version_is_refused(tmp_path):
 
 def test_broken_xml_is_refused_with_a_sentence(tmp_path):
     path = edited(tmp_path, 'id="54001"', 'id="54000"')
-    with pytest.raises(BadInput, match="mavgen refused labr_land.xml"):
+    with pytest.raises(BadInput, match=r"mavgen refused labr_land\.xml"):
         generate.generate(tmp_path, path)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from dataclasses import replace
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -135,3 +136,20 @@ def test_the_cut_of_the_stream_into_reads_does_not_matter(cuts):
         i, k = i + n, k + 1
     assert [f.raw for f in got] == sent
     assert (framer.bad_crc, framer.skipped_bytes) == (0, 0)
+
+
+@pytest.mark.slow
+def test_bit_errors_lose_frames_but_forge_none():
+    """Bit error rate 1e-3: a frame of 27 bytes survives with (1 - 1e-3)^216 = 81 %."""
+    rng, link, framer = random.Random(9), Link(CONTROLLER), Framer()
+    good, total = 0, 4000
+    for k in range(total):
+        raw = link.encode(velocity(rng, k % 65536))
+        damaged = bytearray(raw)
+        bit = -1
+        while (bit := bit + 1 + int(rng.expovariate(1e-3))) < 8 * len(raw):
+            damaged[bit // 8] ^= 1 << bit % 8
+        frames = framer.feed(bytes(damaged), 0.02 * k)
+        assert all(f.raw == raw for f in frames)
+        good += len(frames)
+    assert good / total > 0.78

@@ -19,7 +19,7 @@ def test_velocity_round_trip(session, deadline, v, w, sequence, flags):
 
 
 def test_text_round_trip():
-    sent = wire.MAVLink_land_log_message(3, wire.LAND_SEVERITY_ERROR, "motor driver fault".encode())
+    sent = wire.MAVLink_land_log_message(3, wire.LAND_SEVERITY_ERROR, b"motor driver fault")
     (got,) = Link(COMPUTER).feed(Link(CONTROLLER).encode(sent), 0.0)
     assert text_of(got.message.text) == "motor driver fault"
 

@@ -61,8 +61,8 @@ def test_slip_comes_in_bursts_and_repeats_with_the_seed():
         return [1.0 - rover.step(DT, 0.5, 0.5).v_mps / rover.state.left_wheel_mps for _ in range(7000)]
 
     first = slips(4)
-    assert max(first) > 0.06
-    assert sum(s > 0.06 for s in first) < 0.1 * len(first)
+    assert max(first) > 0.045  # one wheel in a burst
+    assert sum(s > 0.045 for s in first) < 0.1 * len(first)
     assert first == slips(4)
 
 
