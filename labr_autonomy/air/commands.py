@@ -94,7 +94,7 @@ class Commands:
             if not pending.result.cancel() and not pending.result.cancelled():
                 pending.result.exception()  # seen, also when the asker was cancelled in the same moment
         raise LinkError(
-            f"the autopilot did not acknowledge the request to {name}, sent {SENDS} times",
+            f"the autopilot did not acknowledge the request to {name}, sent {confirmation + 1} times",
             "Check the telemetry link.",
         )
 

@@ -15,6 +15,7 @@ import contextlib
 import socket
 import struct
 import threading
+from collections import deque
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -47,6 +48,7 @@ class Recorder:
         self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.setblocking(False)
+        self._waiting: deque[tuple[float, bytes]] = deque()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="air-recorder", daemon=True)
         self._thread.start()
@@ -60,7 +62,7 @@ class Recorder:
         """Log a COMMAND_ACK that was addressed to us."""
         names = ("command", "result", "progress", "result_param2", "target_system", "target_component")
         ack = self._autopilot.command_ack_encode(*(int(fields[name]) for name in names))
-        self._tlog.write(utc_s(), bytes(ack.pack(self._autopilot)))
+        self._waiting.append((utc_s(), bytes(ack.pack(self._autopilot))))
         self._autopilot.seq = (self._autopilot.seq + 1) & 0xFF
 
     def close(self) -> None:

@@ -362,11 +362,14 @@ async def test_the_tlog_holds_both_directions(tmp_path):
         await wait_s(0.1)
     log.close()
     seen: dict[tuple[str, int], int] = {}
+    stamps = []
     reader = mavutil.mavlink_connection(str(log.path), dialect="common")
     for message in iter(reader.recv_match, None):
         key = message.get_type(), message.get_srcComponent()
         seen[key] = seen.get(key, 0) + 1
+        stamps.append(message._timestamp)
     reader.close()
+    assert stamps == sorted(stamps)
     assert seen["SET_POSITION_TARGET_LOCAL_NED", 195] == 10
     assert seen["ODOMETRY", 195] == 10
     assert seen["COMMAND_LONG", 195] >= 1
