@@ -53,7 +53,7 @@ class VioLink(asyncio.DatagramProtocol):
         """Bind the port."""
         loop = asyncio.get_running_loop()
         try:
-            self._transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=self._address)
+            await loop.create_datagram_endpoint(lambda: self, local_addr=self._address)
         except OSError as error:
             raise LinkError(
                 f"cannot receive VIO poses at {self._url}: {error.strerror or error}",
@@ -76,6 +76,10 @@ class VioLink(asyncio.DatagramProtocol):
     def age_s(self, now_s: float) -> float:
         """Time since the newest accepted sample was exposed [s]; infinite before the first."""
         return now_s - self._latest_s
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Keep the transport, so that `close` releases the port however the endpoint was made."""
+        self._transport = transport
 
     def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
         """Check each message of a datagram and pass the samples on."""

@@ -158,10 +158,12 @@ class RollingMap:
         the robot's height were seen free.
 
         Args:
-            pose: Body in odom; its attitude does not matter.
-            floor_z_m: Height of the floor it drives on, odom.
+            pose: Body in odom; places the box when nothing has been seen yet.
+            floor_z_m: Height of the floor it drives on, odom. The box itself stays as the last frame left
+                it, so any height may be asked for, as for a slice at the height of flight.
         """
-        self._follow(pose.position_m, floor_z_m)
+        if not self._placed:
+            self._follow(pose.position_m, floor_z_m)
         body = self._config.body
         top_m = floor_z_m + body.below_m + body.above_m + LAND_HEADROOM_M
         low, high = self._layers(floor_z_m + FLOOR_BAND_M, top_m)

@@ -162,3 +162,11 @@ async def test_over_a_real_socket():
         link.close()
         link.close()
     assert got.stamp_s == pytest.approx(10.0)
+
+
+async def test_close_releases_a_port_that_was_bound_elsewhere():
+    link = VioLink("udp://127.0.0.1:0", print, StoppedClock())
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.create_datagram_endpoint(lambda: link, local_addr=("127.0.0.1", 0))
+    link.close()
+    assert transport.is_closing()

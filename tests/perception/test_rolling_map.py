@@ -14,7 +14,9 @@ from labr_autonomy.types import DepthFrame, Pose
 CONFIG = RobotConfig()
 OPTICS = CONFIG.camera.intrinsics
 V, U = np.mgrid[0 : OPTICS.height, 0 : OPTICS.width]
-RAYS = np.stack([np.ones(U.shape), -(U - OPTICS.cx) / OPTICS.fx, -(V - OPTICS.cy) / OPTICS.fy], axis=-1)
+# Plane by plane, and never exactly along an axis: that would divide nought by nought.
+RAYS = np.stack([np.ones(U.shape), -(U + 1e-4 - OPTICS.cx) / OPTICS.fx, -(V + 1e-4 - OPTICS.cy) / OPTICS.fy])
+RAYS = RAYS.astype(np.float32)
 
 
 def pose(x=0.0, y=0.0, yaw=0.0, z=0.12, roll=0.0, pitch=0.0):
@@ -25,17 +27,21 @@ def depth_of(boxes, at, inside=None):
     """Exact depth image of axis-aligned boxes (lower, upper), and of the inner faces of one room."""
     rotation = rotation_matrix(at.quaternion)
     eye = at.position_m + rotation @ np.array([CONFIG.camera.x_m, 0.0, CONFIG.camera.z_m])
-    rays = RAYS @ rotation.T
-    depth = np.full(U.shape, np.inf)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for lower, upper in boxes:
-            a, b = (np.array(lower) - eye) / rays, (np.array(upper) - eye) / rays
-            near, far = np.fmin(a, b).max(-1), np.fmax(a, b).min(-1)
-            depth = np.where((near < far) & (near > 0), np.minimum(depth, near), depth)
-        if inside is not None:
-            a, b = (np.array(inside[0]) - eye) / rays, (np.array(inside[1]) - eye) / rays
-            depth = np.minimum(depth, np.fmax(a, b).min(-1))
-    return np.where(np.isfinite(depth) & (depth < 10.0), depth, 0.0).astype(np.float32)
+    rays = [sum(np.float32(rotation[k, j]) * RAYS[j] for j in range(3)) for k in range(3)]
+    inverse = [1.0 / np.where(ray == 0.0, np.float32(1e-9), ray) for ray in rays]
+
+    def slabs(lower, upper):
+        pairs = [((lower[k] - eye[k]) * inverse[k], (upper[k] - eye[k]) * inverse[k]) for k in range(3)]
+        near = np.maximum.reduce([np.minimum(a, b) for a, b in pairs])
+        return near, np.minimum.reduce([np.maximum(a, b) for a, b in pairs])
+
+    depth = np.full(U.shape, np.inf, np.float32)
+    for box in boxes:
+        near, far = slabs(*box)
+        depth = np.where((near < far) & (near > 0), np.minimum(depth, near), depth)
+    if inside is not None:
+        depth = np.minimum(depth, slabs(*inside)[1])
+    return np.where(depth < 10.0, depth, 0.0).astype(np.float32)
 
 
 def frame(depth, k=0):
@@ -44,6 +50,9 @@ def frame(depth, k=0):
 
 ROOM = ([-3.0, -2.5, 0.0], [4.0, 2.5, 2.8])
 FLOOR = ([-20.0, -20.0, -1.0], [20.0, 20.0, 0.0])
+
+
+NOTHING = np.zeros(U.shape, np.float32)
 
 
 def state_at(grid, *point):
@@ -56,8 +65,8 @@ def state_at(grid, *point):
 def room_map():
     """A robot turns round in an empty room; the sensor has the noise of a D435."""
     grid, rng = RollingMap(CONFIG), np.random.default_rng(1)
-    for k in range(72):
-        at = pose(0.03, -0.02, yaw=math.radians(10 * k))
+    for k in range(48):
+        at = pose(0.03, -0.02, yaw=math.radians(15 * k))
         depth = depth_of([], at, ROOM)
         noisy = depth + rng.normal(0, 1, depth.shape) * 0.1 * depth**2 / (2 * OPTICS.fx * 0.05)
         grid.update(frame(noisy.astype(np.float32), k), at, 0.0)
@@ -87,8 +96,8 @@ def test_inside_the_room_is_free_and_behind_its_walls_nothing_is_known(room_map)
     field = room_map.land_field(pose(), 0.0)
     points = np.array([[2.0, 0.0], [-1.0, 1.0], [5.0, 0.0]])
     assert field.is_known(points).tolist() == [True, True, False]
-    assert field.lookup(np.array([[2.5, 0.3]]))[0] == pytest.approx(1.5, abs=0.15)
-    assert field.lookup(np.array([[0.5, 1.5]]))[0] == pytest.approx(1.0, abs=0.15)
+    assert field.lookup(np.array([[2.5, 0.3]]))[0] == pytest.approx(1.5, abs=0.25)
+    assert field.lookup(np.array([[0.5, 1.5]]))[0] == pytest.approx(1.0, abs=0.25)
 
 
 def play(grid, depth, at=None, frames=1, floor_z_m=0.0):
@@ -106,7 +115,7 @@ def brute_force(depth, at, grid_origin, shape, cell, stride):
     for v in range(0, depth.shape[0], stride):
         for u in range(0, depth.shape[1], stride):
             z = depth[v, u]
-            ray = rotation @ RAYS[v, u]
+            ray = rotation @ RAYS[:, v, u]
             sigma = 0.1 * z * z / (2 * OPTICS.fx * 0.05)
             reach = max(0.0, z - max(0.05 / np.linalg.norm(ray), 2 * sigma))
             steps = eye + np.arange(0.0, reach, 1e-3)[:, None] * ray
@@ -185,22 +194,26 @@ def test_two_sure_returns_make_an_obstacle():
     assert state_at(grid, 1.55, 0.0, 0.18) == "occupied"
 
 
-@pytest.mark.parametrize("distance_m", [1.2, 2.5])
+@pytest.mark.slow
+@pytest.mark.parametrize("distance_m", [1.23, 2.5, 2.53])
 def test_a_thin_chair_leg_stays(distance_m):
     """3 cm wide: most rays that pass its cell do not hit it, some frames miss it altogether."""
     grid, rng = RollingMap(CONFIG), np.random.default_rng(2)
     leg = ([distance_m, 0.02, 0.0], [distance_m + 0.03, 0.05, 0.45])
     wall = ([4.5, -9, 0], [5, 9, 3])
-    for k in range(40):
-        at = pose(0.002 * k, 0.0, yaw=0.002 * rng.normal())
+    for k in range(20):
+        at = pose(0.004 * k, 0.0, yaw=0.002 * rng.normal())
         depth = depth_of([FLOOR, leg, wall], at)
         if k % 3 == 2:  # the camera loses it in every third frame
             depth = depth_of([FLOOR, wall], at)
-        grid.update(frame(depth, k), at, 0.0)
-    assert state_at(grid, distance_m + 0.015, 0.035, 0.25) == "occupied"
-    assert grid.land_field(pose(), 0.0).lookup(np.array([[distance_m, 0.03]]))[0] < 0.1
+        noisy = depth + rng.normal(0, 1, depth.shape) * 0.1 * depth**2 / (2 * OPTICS.fx * 0.05)
+        grid.update(frame(noisy.astype(np.float32), k), at, 0.0)
+        if k >= 10:
+            cells = [state_at(grid, distance_m + dx, 0.035, 0.25) for dx in (-0.03, 0.015)]
+            assert "occupied" in cells
 
 
+@pytest.mark.slow
 def test_what_goes_away_is_removed_within_a_third_of_a_second():
     with_box = depth_of([FLOOR, ([1.5, -0.3, 0], [1.8, 0.3, 1.0]), ([4, -9, 0], [5, 9, 3])], pose())
     without = depth_of([FLOOR, ([4, -9, 0], [5, 9, 3])], pose())
@@ -230,11 +243,11 @@ def test_rolling_keeps_what_stays_and_forgets_what_leaves(dx, dy):
     near = depth_of([FLOOR, ([1.5, -0.2, 0], [1.8, 0.2, 1.0])], pose())
     grid = play(RollingMap(CONFIG), near, frames=3)
     before = {tuple(c) for c in np.round(grid.origin_m / 0.1).astype(int) + np.argwhere(grid.occupied)}
-    grid.land_field(pose(dx, dy), 0.0)
+    play(grid, NOTHING, pose(dx, dy))
     after = {tuple(c) for c in np.round(grid.origin_m / 0.1).astype(int) + np.argwhere(grid.occupied)}
     assert before == after
     assert np.abs(grid.origin_m[:2] + 10.0 - [dx, dy]).max() <= 0.1
-    grid.land_field(pose(100.0), 0.0)
+    play(grid, NOTHING, pose(100.0))
     assert not grid.log_odds.any()
 
 
@@ -271,6 +284,21 @@ def test_air_field_is_clipped_to_the_box():
     assert grid.air_field(np.array([30.0, 0.0])).distance_m.shape[0] == 1
 
 
+def test_asking_for_a_slice_at_flying_height_changes_nothing():
+    box, lamp = ([1.5, -0.2, 0], [1.8, 0.2, 0.5]), ([1.5, -0.2, 1.4], [1.7, 0.2, 1.6])
+    at = pose(z=1.5)
+    grid = play(RollingMap(CONFIG), depth_of([FLOOR, box, lamp], at), at, frames=9)
+    before, origin = grid.log_odds.copy(), grid.origin_m
+    point = np.array([[1.6, 0.0]])
+    slice_ = grid.land_field(at, 1.5 - 0.22)
+    assert slice_.lookup(point)[0] < 0.1
+    assert grid.land_field(at, 1.8).lookup(point)[0] > 1.0
+    assert (grid.log_odds == before).all()
+    assert (grid.origin_m == origin).all()
+    assert grid.floor_z_m == 0.0
+
+
+@pytest.mark.slow
 def test_landing_places_are_judged():
     grid = RollingMap(CONFIG)
     with pytest.raises(LabrError, match="empty"):
