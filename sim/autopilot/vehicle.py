@@ -1,4 +1,4 @@
-"""The stand-in without its socket: bytes in, bytes out, motor duties out, driven by whoever owns the clock."""
+"""The stand-in without its socket: bytes in, bytes out, motor duties out; its owner keeps the clock."""
 
 from __future__ import annotations
 

@@ -24,6 +24,7 @@ from sim.quad.state import QuadState
 
 STEP_S = 0.004
 G_MPS2 = 9.80665
+CONTACT_M = 0.1221  # contacts below the origin, labr_quad.xml
 _ROOT = Path(__file__).with_name("jsbsim")
 _RADIUS_M = 6_371_000.0  # planet.xml
 _FOOT_M = 0.3048
@@ -48,6 +49,7 @@ class Quad:
     def __init__(self, step_s: float = STEP_S) -> None:
         self.step_s = step_s
         self._floor_m = 0.0
+        self._wind_mps = np.zeros(3)
         _silence()
         model = jsbsim.FGFDMExec(str(_ROOT))
         model.set_debug_level(0)
@@ -88,16 +90,21 @@ class Quad:
             model["ic/" + name] = 0.0
         for i in _MOTORS:
             model[f"esc/cmd-norm[{i}]"] = 0.0
-        if not model.run_ic():
-            raise BadInput(
-                f"JSBSim refuses to start at {np.round(position_m, 3).tolist()} m",
-                "Choose another start pose.",
-            )
-        model["propulsion/set-running"] = -1
-        self._state = None
+        # The first pass leaves the forces of the moment before in the integrators; one step with still rotors
+        # replaces them by those of the new place, from which the second pass starts.
+        for last in (False, True):
+            if not model.run_ic():
+                raise BadInput(
+                    f"JSBSim refuses to start at {np.round(position_m, 3).tolist()} m",
+                    "Choose another start pose.",
+                )
+            self.set_wind(self._wind_mps)  # an initial condition stills the air
+            model["propulsion/set-running"] = -1
+            if not last:
+                model.run()
         # The accelerometer of the initial condition is left over from the moment before it.
-        contact = self._read()
-        rest = np.array([0.0, 0.0, G_MPS2 if contact.position_m[2] - self._floor_m <= 0.1221 else 0.0])
+        touching = float(position_m[2]) - self._floor_m <= CONTACT_M
+        rest = np.array([0.0, 0.0, G_MPS2 if touching else 0.0])
         self._state = QuadState(
             position_m=np.asarray(position_m, dtype=float).copy(),
             velocity_mps=np.zeros(3),
@@ -114,7 +121,8 @@ class Quad:
         self._model["position/terrain-elevation-asl-ft"] = z_m / _FOOT_M
 
     def set_wind(self, wind_mps: Array) -> None:
-        """Velocity of the air, world (3,) [m/s]."""
+        """Velocity of the air, world (3,) [m/s]; kept over a reset."""
+        self._wind_mps = np.array(wind_mps, dtype=float)
         self._model["atmosphere/wind-east-fps"] = float(wind_mps[0]) / _FOOT_M
         self._model["atmosphere/wind-north-fps"] = float(wind_mps[1]) / _FOOT_M
         self._model["atmosphere/wind-down-fps"] = -float(wind_mps[2]) / _FOOT_M
