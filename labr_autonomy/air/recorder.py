@@ -77,17 +77,25 @@ class Recorder:
         self._drain()
 
     def _drain(self) -> None:
-        while True:
+        """Write what has arrived, in the order of its stamps."""
+        batch = self._receive()
+        while self._waiting:
+            batch.append(self._waiting.popleft())
+        for stamp_utc_s, data in sorted(batch):
+            self._tlog.write(stamp_utc_s, data)
+
+    def _receive(self) -> list[tuple[float, bytes]]:
+        batch: list[tuple[float, bytes]] = []
+        for _ in range(BATCH_MAX):
             try:
                 data, control, _, address = self._socket.recvmsg(
                     DATAGRAM_MAX, socket.CMSG_SPACE(TIMESPEC.size)
                 )
             except BlockingIOError:
-                return
-            except OSError:  # MAVSDK's end of the link has closed: an ICMP error of no interest
-                continue
-            self._tlog.write(_received_s(control), data)
+                break
+            batch.append((_received_s(control), data))
             self._announce(address)
+        return batch
 
     def _announce(self, address: tuple[str, int]) -> None:
         now_s = self._clock.now_s()
