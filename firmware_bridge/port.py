@@ -62,7 +62,14 @@ class SerialPort:
             fcntl.ioctl(self.fd, termios.TIOCEXCL)
         os.set_blocking(self.fd, False)
         with contextlib.suppress(OSError, termios.error):
+            self._tell_silence_from_the_end()
             termios.tcflush(self.fd, termios.TCIFLUSH)  # what was said before is of no use
+
+    def _tell_silence_from_the_end(self) -> None:
+        """Make an empty read mean a device that is gone; pyserial's VMIN of 0 makes silence look the same."""
+        attributes = termios.tcgetattr(self.fd)
+        attributes[6][termios.VMIN] = 1
+        termios.tcsetattr(self.fd, termios.TCSANOW, attributes)
 
     def read(self) -> bytes:
         """What has arrived, possibly nothing.

@@ -104,6 +104,10 @@ class LandController:
         """Device path for the companion computer."""
         return str(self._link_path) if self._link_path is not None else self._slave_path
 
+    def fileno(self) -> int:
+        """Descriptor that becomes readable when the computer says something; -1 while unplugged."""
+        return -1 if self._master is None else self._master
+
     def step(self, now_s: float, inputs: Inputs) -> WheelTargets:
         """Read the wire, decide, report. Call it at 250 Hz, with the rover advanced to `now_s` before."""
         self._now_ms = self._milliseconds(now_s)

@@ -302,7 +302,8 @@ class GroundChannel:
         self._retry_s = self._clock.now_s() + self._back_off_s
 
     def _beat(self, now_s: float) -> None:
-        fresh = now_s - self._sent_s <= VALID_MS * 1e-3
+        # Twice a command's life: the controller's own watchdog is to bite first and say so.
+        fresh = now_s - self._sent_s <= 2e-3 * VALID_MS
         self._wire.send(
             dialect.MAVLink_land_heartbeat_message(
                 self._session(), int(now_s * 1000.0) % (1 << 32), 0, int(self._engaged_wish and fresh)

@@ -23,6 +23,7 @@ class Rig:
         self.rover = Rover(CONFIG, 1)
         self.wheel_load = True
         self.last_moving_s = 0.0
+        self.stall_s = 0.0  # longest pause of the twin itself, on a busy machine
 
     def channel(self, log=None) -> GroundChannel:
         return GroundChannel(self.twin.path, BAUD, CONFIG, self.clock, log)
@@ -33,6 +34,7 @@ class Rig:
         while True:
             await ticker.wait()
             now_s = self.clock.now_s()
+            self.stall_s = max(self.stall_s, now_s - last_s)
             s = self.rover.step(now_s - last_s, left, right, braked=braked)  # up to now, then read the ticks
             inputs = Inputs(19.0, s.watts / 19.0, self.wheel_load, False, s.left_ticks, s.right_ticks)
             left, right, braked = self.twin.step(now_s, inputs)

@@ -298,7 +298,7 @@ def oldest_command_obeyed(seed: int) -> int:
     s, now, sequence = fresh_session(0), 0, 0
     sent: dict[int, int] = {}  # session -> when its last sensible engaged command was said
     oldest = 0
-    while now < 6000:
+    while now < 4000:
         now += rng.choice((1, 1, 2, 4, 4, 7))
         chance = rng.random()
         if chance < 0.10:
@@ -328,7 +328,7 @@ def oldest_command_obeyed(seed: int) -> int:
 
 @pytest.mark.slow
 def test_never_driven_without_a_command_at_most_200_ms_old():
-    ages = [oldest_command_obeyed(seed) for seed in range(12)]
+    ages = [oldest_command_obeyed(seed) for seed in range(8)]
     assert max(ages) <= 200
     assert max(ages) > 190, "the schedules must come near the limit"
 
@@ -336,7 +336,7 @@ def test_never_driven_without_a_command_at_most_200_ms_old():
 @pytest.mark.slow
 def test_that_property_would_catch_a_watchdog_of_210_ms(monkeypatch):
     monkeypatch.setattr(core, "COMMAND_MS", 210)
-    assert any(oldest_command_obeyed(seed) > 200 for seed in range(12))
+    assert any(oldest_command_obeyed(seed) > 200 for seed in range(8))
 
 
 def test_parameters_are_checked():
