@@ -10,6 +10,8 @@ import json
 import sys
 import traceback
 from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec as importlib_find
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from labr_autonomy.mission.check import ClearanceAt
     from labr_autonomy.mission.schema import Mission
 
+STANDING_M = 0.05  # lower than this above its driving height, the robot stands
 FAULT = 1  # exit code of an error in the program itself
 TORCH_HELP = "pip install torch==2.13.0 --index-url https://download.pytorch.org/whl/cpu"
 
@@ -37,6 +40,9 @@ _out = click.option("--out", type=_folder, metavar="DIR", help="Where run folder
 _json = click.option("--json", "as_json", is_flag=True, help="JSON on stdout, for machines.")
 _robot = click.option(
     "--robot", type=_file, metavar="FILE", help="robot.yaml; without it the simulator is flown."
+)
+_robot_body = click.option(
+    "--robot", type=_file, metavar="FILE", help="robot.yaml with other masses and limits."
 )
 
 
@@ -164,22 +170,34 @@ def check(
 
 @main.command()
 @_mission
+@_robot_body
 @_seed
 @_worlds
 @_out
-def sim(mission: Path, seed: int | None, worlds: Path | None, out: Path | None) -> None:
-    """Run the simulator of MISSION alone; it prints where its robot.yaml is.
+def sim(mission: Path, robot: Path | None, seed: int | None, worlds: Path | None, out: Path | None) -> None:
+    """Run the simulator of MISSION alone; it prints where its robot.yaml is. Ctrl-C ends it.
 
     Fly on it from another terminal with: labr-mission fly MISSION --robot .../robot.yaml
     """
-    _must_exist(mission)
+    from labr_autonomy.config import RobotConfig
+    from labr_autonomy.mission.load import load_mission, load_robot
+    from labr_autonomy.mission.simulator import simulator_spec
+    from labr_autonomy.record.run_folder import make_run_folder
+
+    loaded = load_mission(mission)
+    vehicle = RobotConfig() if robot is None else load_robot(robot)
+    used_seed = seed if seed is not None else loaded.sim.seed if loaded.sim else 0
+    spec = simulator_spec(loaded, vehicle, used_seed, worlds, die_with_parent=False)
+    folder = make_run_folder(f"sim-{loaded.name}", out)
+    spec_path = folder / "simulator.json"
+    spec_path.write_text(json.dumps(spec, indent=1), encoding="utf-8")
     from sim import server
 
-    arguments = [str(mission)]
-    for name, value in (("--seed", seed), ("--worlds", worlds), ("--out", out)):
-        if value is not None:
-            arguments += [name, str(value)]
-    click.get_current_context().exit(int(server.main(arguments) or 0))
+    try:
+        code = server.main(["--spec", str(spec_path), "--out", str(folder)])
+    except KeyboardInterrupt:
+        code = 0  # the usual way to end it
+    click.get_current_context().exit(code)
 
 
 @main.command()
@@ -204,12 +222,9 @@ def _passed_on(name: str, module: str, text: str, needs: str = "") -> None:
     )
     @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
     def command(arguments: tuple[str, ...]) -> None:
-        import importlib
-        import importlib.util
-
-        if needs and importlib.util.find_spec(needs) is None:
+        if needs and importlib_find(needs) is None:
             raise BadInput(f"{needs} is not installed", f"Install it as a CPU build: {TORCH_HELP}")
-        run: Callable[[], None] = importlib.import_module(module).main
+        run: Callable[[], None] = import_module(module).main
         kept, sys.argv = sys.argv, [f"labr-mission {name}", *arguments]
         try:
             run()
@@ -247,10 +262,10 @@ def world_clearance(
         worlds_dir=worlds_dir,
     )
     surface = Surface(world, robot.body)
-    on_wheels_m = robot.body.below_m + 1e-6
 
     def clearance_at(x_m: float, y_m: float, z_m: float) -> float:
-        return surface.free_place(np.array([x_m, y_m, z_m]), on_floor=z_m <= on_wheels_m)
+        standing = z_m - surface.floor_below(x_m, y_m, z_m) - robot.body.below_m < STANDING_M
+        return surface.free_place(np.array([x_m, y_m, z_m]), on_floor=standing)
 
     return clearance_at
 

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import Refused
-from labr_autonomy.mission.fence import outline_margin_m, polygon_fault, zone
+from labr_autonomy.guard.fence import Zone, margin_m
+from labr_autonomy.mission.compile import compile_fences
+from labr_autonomy.mission.fence import polygon_fault
 from labr_autonomy.mission.schema import Goto, Mission, Point
 
 ClearanceAt = Callable[[float, float, float], float]
@@ -70,12 +72,9 @@ def check_mission(
     if start_xy_m is None and mission.sim is not None:
         start_xy_m = (mission.sim.start.x, mission.sim.start.y)
     stands = list(_stands(mission, robot, start_xy_m))
-    findings = list(_fence_faults(mission))
-    sound = [
-        i for i, fence in enumerate(mission.fence) if not (fence.polygon and polygon_fault(fence.polygon))
-    ]
+    findings, zones = _fences(mission, robot)
     for stand in stands:
-        findings += _outside(stand, mission, sound, robot)
+        findings += _outside(stand, zones)
         findings += _too_high(stand, height_max_m(mission, robot))
         if clearance_at is not None:
             findings += _obstructed(stand, clearance_at, robot)
@@ -114,23 +113,27 @@ def _named(index: int, item: Goto, goal: Point) -> str:
     return f"the goal{name} of item {index + 1} at ({where})"
 
 
-def _fence_faults(mission: Mission) -> Iterator[Finding]:
-    for i, fence in enumerate(mission.fence):
-        if fence.polygon and (fault := polygon_fault(fence.polygon)):
-            yield Finding("fence_invalid", None, f"fence {i + 1} bounds no region: {fault}")
+def _fences(mission: Mission, robot: RobotConfig) -> tuple[list[Finding], dict[int, Zone]]:
+    """What is wrong with the fences, and by index those that bound a region."""
+    findings: list[Finding] = []
+    zones: dict[int, Zone] = {}
+    for i, (fence, zone) in enumerate(zip(mission.fence, compile_fences(mission, robot), strict=True)):
+        fault = polygon_fault(fence.polygon) if fence.polygon else None
+        if fault:
+            findings.append(Finding("fence_invalid", None, f"fence {i + 1} bounds no region: {fault}"))
+        else:
+            zones[i] = zone
+    return findings, zones
 
 
-def _outside(stand: _Stand, mission: Mission, sound: list[int], robot: RobotConfig) -> Iterator[Finding]:
-    bottom, top = stand.z_m - robot.body.below_m, stand.z_m + robot.body.above_m
-    for i in sound:
-        fence = mission.fence[i]
-        margin = outline_margin_m(zone(fence), stand.x_m, stand.y_m, bottom, top, robot.body.radius_m)
+def _outside(stand: _Stand, zones: dict[int, Zone]) -> Iterator[Finding]:
+    for i, zone in zones.items():
+        margin = margin_m([zone], stand.x_m, stand.y_m, stand.z_m)
         if margin < -1e-9:  # on the line is inside; the tolerance is for rounding only
-            side = "outside" if fence.keep == "in" else "inside the keep-out"
+            side = "outside" if zone.keep_in else "inside the keep-out"
             sentence = f"{stand.name} puts the robot {-margin:.2f} m {side} fence {i + 1}"
-            yield Finding(
-                "start_outside_fence" if stand.item is None else "goal_outside_fence", stand.item, sentence
-            )
+            code = "start_outside_fence" if stand.item is None else "goal_outside_fence"
+            yield Finding(code, stand.item, sentence)
 
 
 def _too_high(stand: _Stand, limit_m: float) -> Iterator[Finding]:

@@ -242,7 +242,7 @@ class GeneratedWorld(Section):
         14.0,
         10.0,
     )
-    """Extent in x and y [m]; a corner of the world is at (0, 0)."""
+    """Extent in x and y [m]; the world is centred on (0, 0)."""
 
     def spec(self) -> dict[str, object]:
         """What `sim.worlds` builds it from."""

@@ -272,9 +272,12 @@ class FlightLog:
                     break
                 self._stop.wait(POLL_S)
             self._writer.finish()
-            self._stream.close()
         except OSError as error:  # disk full or gone: the flight goes on without its log
             self._fault = f"the flight log has stopped: {error.strerror}"
+        try:
+            self._stream.close()
+        except OSError as error:  # the last buffer did not fit either
+            self._fault = self._fault or f"the flight log is not whole: {error.strerror}"
 
     def _take(self) -> Entry | None:
         with self._lock:

@@ -31,6 +31,8 @@ MU_LIMIT = 0.5  # from here on the network's path is not used
 TRACK_POINTS = 1500
 PLANS_DRAWN = 120
 DEPTH_SHOWN_M = 8.0
+CELL_M = 0.1  # of the rolling map
+CELLS_MAX = 2000  # a side
 
 _STYLE = {
     "font.size": 9,
@@ -59,7 +61,6 @@ def top_view(data: RunData) -> bytes | None:
         aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
         figure = Figure(figsize=(9.0, min(8.0, max(3.2, 8.2 * aspect + 0.9))), layout="constrained")
         axes = figure.add_subplot()
-        axes.set(xlim=extent[:2], ylim=extent[2:], aspect="equal", xlabel="x [m]", ylabel="y [m]")
         axes.grid(True, linewidth=0.6)
         axes.set_axisbelow(True)
         if data.occupied_xy_m is not None:
@@ -203,6 +204,20 @@ def _draw_modes(axes: Axes, points: Array, air: NDArray[np.bool_], width: float)
     for first, last in _runs(air):
         part = points[first : last + 2]  # one point more, so that the trail has no gaps
         axes.plot(part[:, 0], part[:, 1], color=AIR if air[first] else LAND, linewidth=width, zorder=5)
+
+
+def _draw_map(axes: Axes, cells_m: Array) -> None:
+    """Occupied cells as one picture, so that the file stays small and the cells touch."""
+    low, high = cells_m.min(axis=0) - CELL_M / 2, cells_m.max(axis=0) + CELL_M / 2
+    shape = np.minimum(np.ceil((high - low) / CELL_M).astype(int) + 1, CELLS_MAX)
+    index = np.minimum(((cells_m - low) / CELL_M).astype(int), shape - 1)
+    taken = np.zeros(shape, dtype=bool)
+    taken[index[:, 0], index[:, 1]] = True
+    top = low + shape * CELL_M
+    grey = mpl.colors.ListedColormap([OBSTACLE])
+    image = np.ma.masked_equal(taken.T, False)
+    extent = (low[0], top[0], low[1], top[1])
+    axes.imshow(image, cmap=grey, origin="lower", extent=extent, interpolation="nearest", zorder=1)
 
 
 def _draw_start(axes: Axes, data: RunData) -> None:

@@ -16,6 +16,7 @@ from labr_autonomy.record.run_data import RunData, read_run
 
 DEPTH_FRAMES = 6
 EVENTS_MAX = 80
+PAIR_S = 0.3  # a plan belongs to a frame taken this near to its own; points are drawn from the frame's pose
 OUTCOMES = {
     "success": ("good", "Mission accomplished"),
     "refused": ("warn", "Refused before it began"),
@@ -168,13 +169,13 @@ def _depth_frames(data: RunData) -> str:
 
 
 def _chosen_frames(data: RunData) -> Iterator[tuple[dict[str, Any], dict[str, Any] | None]]:
-    """Frames spread over the run, each with the plan made from it; those with key points come first."""
+    """Frames spread over the run, each with the plan nearest to it; those with key points come first."""
     plans = sorted(data.plans, key=lambda p: p.get("frame_stamp_s") or 0.0)
     stamps = np.array([p.get("frame_stamp_s") or 0.0 for p in plans])
     pairs = []
     for depth in data.depths:
         near = int(np.argmin(np.abs(stamps - depth["stamp_s"]))) if len(stamps) else -1
-        fits = near >= 0 and abs(stamps[near] - depth["stamp_s"]) < 0.02  # less than a frame at 30 Hz
+        fits = near >= 0 and abs(stamps[near] - depth["stamp_s"]) < PAIR_S
         pairs.append((depth, plans[near] if fits else None))
     with_points = [p for p in pairs if p[1] and p[1].get("network")]
     pool = with_points if len(with_points) >= DEPTH_FRAMES else pairs

@@ -70,11 +70,14 @@ def read_run(run_dir: Path) -> RunData:
     try:
         data.summary = read_summary(run_dir)
     except BadInput as error:
-        data.notes.append(error.what)
-    try:
-        _read_messages(data, log)
-    except BadInput as error:
-        data.notes.append(error.what)
+        data.notes.append(error.what.replace(f"{run_dir}/", ""))
+    if log.exists():
+        try:
+            _read_messages(data, log)
+        except BadInput as error:
+            data.notes.append(error.what.replace(f"{run_dir}/", ""))
+    elif data.summary.get("outcome") != "refused":
+        data.notes.append("flight.mcap is missing")
     data.truth = _read_truth(run_dir / "truth.npz", data)
     data.occupied_xy_m = _read_map(run_dir / "map.npz", data)
     return data

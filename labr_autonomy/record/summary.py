@@ -119,34 +119,6 @@ def read_summary(run_dir: Path) -> dict[str, Any]:
     return values
 
 
-def missed(expect: Mapping[str, Any], summary: Mapping[str, Any]) -> list[str]:
-    """Sentences for each expectation that a run did not meet.
-
-    Args:
-        expect: The mission's `expect` block as a mapping; absent or None entries are not looked at.
-        summary: The keys of `summary.json`.
-    """
-    out = []
-    if expect.get("outcome") is not None and summary.get("outcome") != expect["outcome"]:
-        out.append(f"outcome is {summary.get('outcome')}, expected {expect['outcome']}")
-    errors = summary.get("goal_errors_m") or []
-    bounds = (
-        ("contacts", summary.get("contacts"), "at most", "contacts"),
-        ("min_land_m", summary.get("land_m"), "at least", "m on land"),
-        ("min_air_m", summary.get("air_m"), "at least", "m in the air"),
-        ("max_goal_error_m", max(errors, default=None), "at most", "m of goal error"),
-    )
-    for key, value, word, unit in bounds:
-        limit = expect.get(key)
-        if limit is None:
-            continue
-        if value is None:
-            out.append(f"{unit} unknown, expected {word} {limit:g}")
-        elif (value > limit) if word == "at most" else (value < limit):
-            out.append(f"{value:.4g} {unit}, expected {word} {limit:g}")
-    return out
-
-
 def _plain(value: Any) -> Any:
     """Numpy and non-finite numbers as JSON knows them."""
     if isinstance(value, Mapping):

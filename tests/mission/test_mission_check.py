@@ -1,16 +1,14 @@
 from __future__ import annotations
 
-import math
-
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import Refused
 from labr_autonomy.mission.check import check_mission, clear_places, height_max_m, refuse
-from labr_autonomy.mission.fence import outline_margin_m, polygon_fault, zone, zones
-from labr_autonomy.mission.schema import Circle, Fence, Mission
+from labr_autonomy.mission.fence import polygon_fault
+from labr_autonomy.mission.schema import Mission
 
 ROBOT = RobotConfig()
 SQUARE = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]
@@ -137,30 +135,17 @@ def test_polygons_that_bound_nothing(corners, word):
     assert fault is None if word is None else word in fault
 
 
-@given(st.floats(-20, 20), st.floats(-20, 20), st.floats(0.05, 1))
-def test_a_circle_and_its_polygon_agree(x, y, radius):
-    corners = [(4 * math.cos(a * math.tau / 180), 4 * math.sin(a * math.tau / 180)) for a in range(180)]
-    circle = zone(Fence(circle=Circle(x=0, y=0, radius_m=4), keep="out", z=(0, 2)))
-    polygon = zone(Fence(polygon=corners, keep="out", z=(0, 2)))
-    assert outline_margin_m(circle, x, y, 0, 1, radius) == pytest.approx(
-        outline_margin_m(polygon, x, y, 0, 1, radius), abs=3e-3
-    )
+@settings(deadline=None, max_examples=60)
+@given(st.floats(-1, 11), st.floats(-1, 11))
+def test_a_goal_inside_the_fence_is_inside_by_the_outline(x, y):
+    square = codes(mission([{"goto": {"x": x, "y": y}}], fence=[fence()]))
+    assert bool(square) is not (0.3 <= x <= 9.7 and 0.3 <= y <= 9.7)
 
 
-@given(st.floats(-5, 15), st.floats(-5, 15))
-def test_in_and_out_are_opposites_for_a_point(x, y):
-    inside, outside = (zone(Fence(polygon=NOTCHED, keep=keep)) for keep in ("in", "out"))
-    assert outline_margin_m(inside, x, y, 0, 0, 0) == -outline_margin_m(outside, x, y, 0, 0, 0)
-
-
-def test_zones_carry_shape_side_and_heights():
-    m = mission(
-        [{"land": {}}], fence=[fence(z=[0, 3]), {"circle": {"x": 1, "y": 2, "radius_m": 3}, "keep": "out"}]
-    )
-    square, circle = zones(m)
-    assert (square.outline, square.keep_in, square.z_low_m, square.z_high_m) == (tuple(SQUARE), True, 0, 3)
-    assert (circle.outline, circle.keep_in, circle.radius_m) == (((1, 2),), False, 3)
-    assert circle.z_high_m == math.inf
+@pytest.mark.parametrize(("x", "found"), [(4.4, False), (4.2, True), (0.0, True)])
+def test_a_round_keep_out_is_grown_by_the_outline(x, found):
+    round_ = {"circle": {"x": 0, "y": 0, "radius_m": 4}, "keep": "out"}
+    assert bool(codes(mission([{"goto": {"x": x, "y": 0}}], fence=[round_]))) is found
 
 
 def test_places_to_keep_clear_are_start_then_goals():

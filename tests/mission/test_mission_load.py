@@ -212,6 +212,7 @@ def survives(raw: bytes) -> None:
         assert all(p.line >= 1 and p.col >= 1 and p.message for p in caught.problems)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(
     st.lists(
