@@ -13,7 +13,6 @@ from itertools import product
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from labr_autonomy.types import Array
 
@@ -124,7 +123,7 @@ class Field2(_Field):
         else:
             inside = cv2.distanceTransform(solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * cell_m
             signed = np.where(occupied, 0.5 * cell_m - inside, signed)
-        return cls(signed.astype(np.float32), known, np.asarray(origin_m, float), cell_m)
+        return cls(signed.astype(np.float32, copy=False), known, np.asarray(origin_m, float), cell_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +138,8 @@ class Field3(_Field):
             return cls(np.full(occupied.shape, far, np.float32), known, np.asarray(origin_m, float), cell_m)
         if occupied.all():
             return cls(np.full(occupied.shape, -far, np.float32), known, np.asarray(origin_m, float), cell_m)
-        outside = distance_transform_edt(~occupied) * cell_m
-        inside = distance_transform_edt(occupied) * cell_m
-        signed = np.where(occupied, 0.5 * cell_m - inside, outside - 0.5 * cell_m)
-        return cls(signed.astype(np.float32), known, np.asarray(origin_m, float), cell_m)
+        from labr_autonomy.perception.edt import distance_to  # numba: only where it is used
+
+        outside, inside = distance_to(occupied, True), distance_to(occupied, False)
+        signed = (np.where(occupied, 0.5 - inside, outside - 0.5)) * np.float32(cell_m)
+        return cls(signed.astype(np.float32, copy=False), known, np.asarray(origin_m, float), cell_m)

@@ -296,3 +296,4 @@ def warm_up() -> None:
     depth = np.ones((12, 16), np.float32)
     frame = DepthFrame(0, 0.0, depth, Intrinsics(16, 12, 8.0, 8.0, 8.0, 6.0))
     grid.update(frame, Pose(np.array([0.0, 0.0, 0.12]), np.array([1.0, 0.0, 0.0, 0.0])), 0.0)
+    grid.air_field(np.zeros(2))
