@@ -1,7 +1,7 @@
 """Depth images by OpenGL on EGL: no window, no display server, software rasteriser or GPU alike.
 
-Triangles are kept in chunks of a few metres; those outside the view or beyond the range are not drawn.
-Only the depth buffer is drawn; it is turned into metres on the way out.
+Only the depth buffer is drawn; it is turned into metres on the way out. Chunks of the world that lie
+outside the view or beyond the range are not drawn, far ones with less detail (see `chunks`).
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from labr_autonomy.errors import LabrError
 from labr_autonomy.types import Array, Image, Intrinsics
+from sim.camera.chunks import cut
 from sim.worlds.world import World
 
-CHUNK_M = 4.0  # measured: smaller chunks cost more calls than they save triangles
 NEAR_M = 0.05  # nothing of the world comes nearer to the lens than the body's outline lets it
 
 _VERTEX = """
@@ -52,12 +52,10 @@ class GlRenderer:
         self._depth = self._gl.depth_texture(size)
         self._frame = self._gl.framebuffer(depth_attachment=self._depth)
         self._program = self._gl.program(vertex_shader=_VERTEX, fragment_shader=_FRAGMENT)
-        faces, self._firsts, self._boxes = _chunks(world)
-        self._array = self._gl.vertex_array(
-            self._program,
-            [(self._gl.buffer(world.vertices_m.tobytes()), "3f", "corner")],
-            index_buffer=self._gl.buffer(faces.tobytes()),
-        )
+        self._chunks = cut(world)
+        self._corners = self._chunks.corners_m
+        self._large = self._array(world.vertices_m, self._chunks.large) if len(self._chunks.large) else None
+        self._small = [self._array(level.vertices_m, level.faces) for level in self._chunks.levels]
         self._gl.enable(self._gl.DEPTH_TEST)
         self._clip_from_camera = _projection(intrinsics, range_m)
 
@@ -71,8 +69,13 @@ class GlRenderer:
         self._frame.use()
         self._frame.clear(depth=1.0)
         self._program["clip_from_world"].write(clip_from_world.T.astype(np.float32).tobytes())
-        for first, last in self._visible(clip_from_world):
-            self._array.render(vertices=3 * (last - first), first=3 * first)
+        if self._large is not None:
+            self._large.render()
+        seen = self._seen(clip_from_world)
+        wanted = self._chunks.level_of(seen, T_world_camera[:3, 3])
+        for number, (level, array) in enumerate(zip(self._chunks.levels, self._small, strict=True)):
+            for first, last in self._chunks.runs(level, seen[wanted == number]):
+                array.render(vertices=3 * (last - first), first=3 * first)
         size = (self._intrinsics.height, self._intrinsics.width)
         buffer = np.frombuffer(self._depth.read(alignment=1), np.float32).reshape(size)
         # Window depth w in 0..1 of a perspective with near n and far f: depth = n f / (f - w (f - n)).
@@ -81,20 +84,19 @@ class GlRenderer:
         metres[buffer >= np.float32(1.0)] = 0.0
         return metres
 
-    def _visible(self, clip_from_world: Array) -> list[tuple[int, int]]:
-        """Runs of triangles whose chunks are not wholly beyond one plane of the view."""
-        corners = self._boxes @ clip_from_world[:, :3].T + clip_from_world[:, 3]  # (chunks, 8, 4)
+    def _array(self, vertices_m: NDArray[np.float32], faces: NDArray[np.int32]) -> Any:
+        return self._gl.vertex_array(
+            self._program,
+            [(self._gl.buffer(vertices_m.tobytes()), "3f", "corner")],
+            index_buffer=self._gl.buffer(faces.tobytes()),
+        )
+
+    def _seen(self, clip_from_world: Array) -> NDArray[np.int64]:
+        """Chunks that are not wholly beyond one plane of the view."""
+        corners = self._corners @ clip_from_world[:, :3].T + clip_from_world[:, 3]  # (chunks, 8, 4)
         w = corners[..., 3:]
         beyond = (corners[..., :3] > w).all(axis=1) | (corners[..., :3] < -w).all(axis=1)
-        seen = np.flatnonzero(~np.any(beyond, axis=1))
-        runs: list[tuple[int, int]] = []
-        for chunk in seen:
-            first, last = int(self._firsts[chunk]), int(self._firsts[chunk + 1])
-            if runs and runs[-1][1] == first:
-                runs[-1] = (runs[-1][0], last)
-            else:
-                runs.append((first, last))
-        return runs
+        return np.flatnonzero(~np.any(beyond, axis=1))
 
     def close(self) -> None:
         """Give back the context."""
@@ -130,19 +132,3 @@ def _projection(i: Intrinsics, far_m: float) -> Array:
             [1.0, 0.0, 0.0, 0.0],
         ]
     )
-
-
-def _chunks(world: World) -> tuple[NDArray[np.int32], NDArray[np.int64], Array]:
-    """Faces sorted by chunk, where each begins (n + 1,), and the corners of their bounds (n, 8, 3)."""
-    triangles = world.triangles_m
-    centre = triangles.astype(np.float64).sum(axis=1) / 3.0
-    cells = np.floor((centre - world.lower_m) / CHUNK_M).astype(np.int64)
-    _, chunk = np.unique(cells, axis=0, return_inverse=True)
-    chunk = chunk.reshape(-1)
-    order = np.argsort(chunk, kind="stable")
-    firsts = np.searchsorted(chunk[order], np.arange(chunk.max() + 2))
-    low = np.minimum.reduceat(triangles.min(axis=1)[order], firsts[:-1])
-    high = np.maximum.reduceat(triangles.max(axis=1)[order], firsts[:-1])
-    pick = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=bool)
-    boxes = np.where(pick, high[:, None], low[:, None]).astype(np.float64)
-    return world.faces[order], firsts, boxes
