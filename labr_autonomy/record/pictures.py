@@ -64,10 +64,8 @@ def top_view(data: RunData) -> bytes | None:
         axes.grid(True, linewidth=0.6)
         axes.set_axisbelow(True)
         if data.occupied_xy_m is not None:
-            cells = data.occupied_xy_m
-            axes.scatter(
-                cells[:, 0], cells[:, 1], s=5, marker="s", color=OBSTACLE, linewidths=0, rasterized=True
-            )
+            _draw_map(axes, data.occupied_xy_m)
+        axes.set(xlim=extent[:2], ylim=extent[2:], aspect="equal", xlabel="x [m]", ylabel="y [m]")
         _draw_plans(axes, data)
         if data.truth is not None and data.estimate is not None:
             thin = _thinned(data.estimate)

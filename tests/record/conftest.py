@@ -163,8 +163,8 @@ def whole_run(tmp_path_factory) -> Path:
         mode=np.array(["air" if flying(s) else "land" for s in t]),
     )
     rng = np.random.default_rng(1)
-    boxes = rng.uniform([-6, -4.5], [6, 4.5], (14, 2))
-    side = np.linspace(-0.4, 0.4, 9)
+    boxes = np.round(rng.uniform([-6, -4.5], [6, 4.5], (14, 2)), 1)
+    side = np.linspace(-0.4, 0.4, 9)  # 0.1 m cells, as of the map
     cells = (boxes[:, None] + np.array([(a, b) for a in side for b in side])[None]).reshape(-1, 2)
     np.savez(run / "map.npz", occupied_xy=cells)
     return run
