@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 class TrainConfig:
     """One run."""
 
-    steps: int = 5000
+    steps: int = 4000
     batch: int = 32  # images of a step
     goals: int = 8  # goals of an image in a step; they share its features, the costly part
     rate: float = 1.2e-3  # peak of the one-cycle schedule
@@ -83,7 +83,6 @@ def _holes(image: Tensor, draw: torch.Generator) -> Tensor:
 def train(training: Views, validation: Views, run_dir: Path, config: TrainConfig) -> Gkpn:
     """Train, with checkpoints in `run_dir`, resuming from the last one there; returns the network."""
     torch.set_num_threads(config.threads)
-    torch.set_flush_denormal(True)
     torch.manual_seed(config.seed)
     run_dir.mkdir(parents=True, exist_ok=True)
     net: Gkpn = Gkpn(config.network).to(memory_format=torch.channels_last)

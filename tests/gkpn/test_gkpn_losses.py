@@ -7,6 +7,7 @@ import pytest
 from sim.worlds.primitives import Scene, box, cylinder
 
 torch = pytest.importorskip("torch", reason="the losses need the train extra (torch)")
+torch.set_num_threads(1)
 from labr_autonomy.gkpn.losses import LossConfig, goal_distance, level_to_odom, losses, scene_distance  # noqa: E402
 
 ROWS = np.stack([box([2.0, 0.1, 0.5], [0.3, 0.4, 0.5], 0.3), cylinder(4.0, -1.0, 0.3, 0.0, 2.0)])

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from sim.worlds.primitives import Scene, box, cylinder
 
@@ -37,15 +38,15 @@ def test_sampled_triangles_lie_on_the_zero_level(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_distance_outside_is_that_to_the_nearest_surface_sample(seed):
     scene = random_scene(seed)
-    samples, _ = surface_samples(scene, 900)
+    samples, _ = surface_samples(scene, 400)
     points = np.random.default_rng(seed + 50).uniform(-5, 5, (60, 3))
     exact = scene.distance(points)
-    sampled = np.array([np.linalg.norm(samples - p, axis=1).min() for p in points])
+    sampled = cKDTree(samples).query(points)[0]
     outside = exact > 0.3
     assert outside.sum() > 20
     # Samples can only overestimate, by their spacing; flats of a cylinder add half a centimetre.
     assert (sampled[outside] >= exact[outside] - 5e-3).all()
-    assert (sampled[outside] <= exact[outside] + 0.05).all()
+    assert (sampled[outside] <= exact[outside] + 0.06).all()
 
 
 def test_inside_is_negative_with_the_depth_to_the_nearest_side():
