@@ -87,7 +87,6 @@ class AirPlanner:
         x0 = vector(state)
         points = np.array(key_points_m, dtype=float)
         points[:, 2] = np.clip(points[:, 2], env.height_min_m, env.height_max_m)
-        path = reference.shape(x0[:3], points, field, self.hard_m, self.aim_m)
         task = Task(
             self._model.problem,
             self._step,
@@ -98,6 +97,9 @@ class AirPlanner:
             field,
             self.hard_m,
         )
+        if not np.isfinite(points).all():
+            return self._fallback(task, state, env, call, "the key points are not finite numbers")
+        path = reference.shape(x0[:3], points, field, self.hard_m, self.aim_m)
         if path.blocked and path.length_m < BLOCKED_M:
             return self._fallback(
                 task, state, env, call, f"the key points are blocked after {path.length_m:.1f} m"
@@ -126,7 +128,7 @@ class AirPlanner:
         plan = best_plan(task, seeds, timed, Polytopes(field, self.aim_m))
         if isinstance(plan, str):
             return self._fallback(task, state, env, call, plan)
-        yaw = self._yaw_along(state, plan.x, path, env, call)
+        yaw = self._yaw_along(state, plan.x, env, call)
         out = trajectory(plan.x, yaw, now_s, source)
         return call.result(out, plan.verdict, self.outline_m, "follows the key points")
 
@@ -179,7 +181,7 @@ class AirPlanner:
         previous = call.previous
         return previous.sample(call.now_s).yaw_rate_rps if previous is not None else 0.0
 
-    def _yaw_along(self, state: AirState, x: Array, path: reference.Path, env: Envelope, call: Call) -> Array:
+    def _yaw_along(self, state: AirState, x: Array, env: Envelope, call: Call) -> Array:
         """Yaw (n, 2) towards a point ahead on the plan; kept where nothing lies ahead."""
         ahead = x[np.minimum(np.arange(len(x)) + 6, len(x) - 1), :2] - x[:, :2]
         wanted = np.empty(len(x))

@@ -71,25 +71,24 @@ class LandPlanner:
         lim = self.config.land
         x0 = vector(state)
         points = np.asarray(key_points_m, dtype=float)[:, :2]
-        path = reference.shape(x0[:2], points, field, self.hard_m, self.aim_m)
-        bounds = self._model.bounds(x0)
         task = Task(
             self._model.problem,
             self._step,
             x0,
-            bounds,
+            self._model.bounds(x0),
             self._model.settle,
             self._model.dense,
             field,
             self.hard_m,
         )
 
-        def give(
-            x: Array, u: Array, verdict: Verdict, source: Source, why: str, stopped: bool = False
-        ) -> RefineResult:
+        def give(x: Array, u: Array, verdict: Verdict, source: Source, why: str) -> RefineResult:
             out = self._model.trajectory(x, u, state, now_s, source)
             return call.result(out, verdict, self.config.body.radius_m, why)
 
+        if not np.isfinite(points).all():
+            return self._fallback(task, state, call, "the key points are not finite numbers")
+        path = reference.shape(x0[:2], points, field, self.hard_m, self.aim_m)
         if path.blocked and path.length_m < BLOCKED_M:
             return self._fallback(
                 task, state, call, f"the key points are blocked after {path.length_m:.1f} m"

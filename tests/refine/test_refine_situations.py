@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from refine_rooms import boxes2, boxes3
 
+from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.refine import check, reference, rti
 from labr_autonomy.refine.planner import Refiner
@@ -269,3 +270,30 @@ def test_dense_check_rules():
     assert not verdict(0.38, 0.37, 1.0)  # comes closer first
     assert not verdict(0.38, 0.41, 0.38)  # comes back
     assert not verdict(0.38, 0.45, 0.39, 1.0)
+
+
+@pytest.mark.parametrize("bad", [np.full((5, 3), np.nan), np.array([[1.0, np.inf, 0.0]])])
+def test_key_points_that_are_no_numbers_are_refused(refiner, bad):
+    land = refiner.land(LandState(np.array([5.0, 5.0]), 0.0, 0.5, 0.0), bad, boxes2([]), 0.0, None)
+    air = AirState(np.array([5.0, 5.0, 1.0]), np.array([0.5, 0.0, 0.0]), np.zeros(3), 0.0)
+    for result in (land, refiner.air(air, bad, boxes3([]), 0.0, None)):
+        assert result.stopped
+        assert result.source is Source.BRAKE
+        assert np.isfinite(result.trajectory.position_m).all()
+
+
+def test_a_map_without_obstacles_and_no_key_points(refiner):
+    field = boxes2([], walls=False)
+    state = LandState(np.array([5.0, 5.0]), 0.0, 0.0, 0.0)
+    assert refiner.land(state, np.array([[7.0, 5.0]]), field, 0.0, None).source is Source.GKPN
+    stays = refiner.land(state, np.zeros((0, 3)), field, 0.0, None)
+    assert np.ptp(stays.trajectory.position_m, axis=0).max() < 1e-3
+    hover = AirState(np.array([5.0, 5.0, 1.0]), np.zeros(3), np.zeros(3), 0.0)
+    stays = refiner.air(hover, hover.position[None], boxes3([]), 0.0, None)
+    assert np.ptp(stays.trajectory.position_m, axis=0).max() < 0.01
+
+
+def test_both_problems_are_built_in_under_5_s():
+    began_s = SystemClock().now_s()
+    Refiner(RobotConfig())
+    assert SystemClock().now_s() - began_s < 5.0
