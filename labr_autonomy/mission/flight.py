@@ -37,6 +37,7 @@ VISION_PERIOD_S = 1.0 / 30.0
 LOG_PERIOD_S = 0.1
 FRAME_LOG_PERIOD_S = 0.5
 FIRST_POSE_S = 10.0
+FRESH_POSE_S = 0.15
 END_LATE_S = 90.0  # an aborted flight must be down by then
 
 log = logging.getLogger("labr.flight")
@@ -149,8 +150,11 @@ class Flight:
 
     async def _first_pose(self) -> None:
         deadline_s = self._clock.now_s() + FIRST_POSE_S
-        while not self._filter.ready or self._frames is None or self._frames.newest_header() is None:
+        while True:
             now_s = self._clock.now_s()
+            header = self._frames.newest_header() if self._frames is not None else None
+            if self._filter.ready and header is not None and self._filter.ages(now_s)["vio"] < FRESH_POSE_S:
+                return
             if now_s > deadline_s:
                 raise LinkError(
                     f"no pose on {self._config.links.vio} within {FIRST_POSE_S:.0f} s",
@@ -198,9 +202,10 @@ class Flight:
     # ------------------------------------------------------------------ the tasks
     async def run(self) -> None:
         """Fly until the mission is over and the robot stands."""
-        self.record.started_s = self._clock.now_s()
         gc.collect()
         gc.freeze()  # a full collection over the loaded modules would stall the set-points by 150 ms
+        await self._first_pose()  # what arrived meanwhile
+        self.record.started_s = self._clock.now_s()
         try:
             async with asyncio.TaskGroup() as tasks:
                 running = [
@@ -274,9 +279,10 @@ class Flight:
         )
 
     def _send(self, actions: Actions) -> None:
-        self._ground.send_velocity(
-            actions.speed_mps, actions.yaw_rate_rps, engaged=actions.engaged, air_lock=actions.air_lock
-        )
+        speed, turn, lock = actions.speed_mps, actions.yaw_rate_rps, actions.air_lock
+        taken = self._ground.send_velocity(speed, turn, engaged=actions.engaged, air_lock=lock)
+        if actions.engaged and not taken:  # after a pause the controller wants to see us let go first
+            self._ground.send_velocity(0.0, 0.0, engaged=False, air_lock=lock)
         if actions.air is not None:
             self._send_air(actions.air)
         if actions.command is not None:

@@ -170,7 +170,9 @@ class Pilot:
     def tick(self, look: Look, now_s: float) -> Actions:
         """Decide what leaves at `now_s`."""
         events: list[str] = []
-        self._started_s = now_s if self._started_s is None else self._started_s
+        if self._started_s is None:
+            self._started_s = now_s
+            self.steps = replace(self.steps, entered_s=now_s)
         before = self.failsafe
         self.failsafe = failsafe.step(self.failsafe, look.health, now_s)
         if self.failsafe.reaction is not before.reaction and self.failsafe.sentence:
@@ -293,10 +295,12 @@ class Pilot:
         position, yaw = odometry.pose.position_m, yaw_of(odometry.pose.quaternion)
         self._fresh = True
         match phase:
-            case Phase.DRIVING | Phase.STOPPING:
+            case Phase.DRIVING:
                 self._trajectory = None
                 self._commanded_land = False
                 self._wants = Mode.LAND
+            case Phase.STOPPING:
+                self._trajectory = None
             case Phase.ARMING:
                 self._trajectory = None
                 self._hold = _rest(position, yaw, now_s)
@@ -345,7 +349,7 @@ class Pilot:
         return Actions(
             speed_mps=speed,
             yaw_rate_rps=turn,
-            engaged=outputs.wheels or self.transition.phase is Phase.STOPPING,
+            engaged=outputs.wheels and reference is not None,
             air_lock=outputs.rotors,
             air=air,
             reference=reference,

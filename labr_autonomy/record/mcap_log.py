@@ -252,6 +252,8 @@ class FlightLog:
 
     def _run(self) -> None:
         """The thread: drain, write, flush; ends when told to and nothing is left."""
+        import cv2  # noqa: F401 - loading it with the first frame would stall the flight by 0.3 s
+
         flush_due_s = self._clock.now_s() + FLUSH_S
         reported = 0
         try:
