@@ -95,12 +95,11 @@ def _read_trimesh(path: Path) -> tuple[Vertices, Faces]:
         mesh = trimesh.load_scene(path, process=False).to_mesh()
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     except ImportError as error:
+        package = "pycollada" if path.suffix.lower() == ".dae" else error.name or "trimesh[easy]"
         raise BadInput(
-            f"'{path.name}' needs the package '{error.name}'", f"Install it (pip install {error.name})."
+            f"'{path.name}' needs the package {package}", f"Install it: pip install {package}."
         ) from error
     except _BROKEN as error:
-        if path.suffix.lower() == ".dae" and "not supported" in str(error):
-            raise BadInput(f"'{path.name}' needs the package 'pycollada'", "pip install pycollada") from error
         raise BadInput(f"'{path.name}' cannot be read: {_short(error)}", "Is the file whole?") from error
     return vertices, faces
 

@@ -90,6 +90,19 @@ def test_collada_unit_and_up_axis_are_applied(tmp_path):
     assert world.lower_m == pytest.approx([0.0, -2.0, 0.0])
 
 
+@pytest.mark.slow
+def test_collada_without_its_reader_names_the_package(tmp_path, monkeypatch):
+    trimesh = pytest.importorskip("trimesh")
+
+    def absent(*_, **__):
+        raise ImportError("no collada")
+
+    monkeypatch.setattr(trimesh, "load_scene", absent)
+    (tmp_path / "house.dae").write_text(COLLADA)
+    with pytest.raises(BadInput, match="pip install pycollada"):
+        load_mesh(tmp_path / "house.dae")
+
+
 def test_what_is_wrong_with_arrays_is_said(tmp_path):
     holed = V.copy()
     holed[1, 1] = np.nan
