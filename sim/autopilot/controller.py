@@ -228,9 +228,9 @@ def mix(thrust_n: float, torque_nm: Vector, volts: float) -> list[float]:
     least = min(THRUST_MIN_N, thrust_n / 4.0)
     roll, pitch = torque_nm[0] / (4.0 * ARM_M), torque_nm[1] / (4.0 * ARM_M)
     tilt = (pitch - roll, roll - pitch, roll + pitch, -roll - pitch)
-    room = most - least
+    room = max(0.0, most - least)
     largest = max(tilt)
-    if 2.0 * largest > room:
+    if 2.0 * largest > room and largest > 0.0:
         tilt = tuple(t * room / (2.0 * largest) for t in tilt)  # type: ignore[assignment]
         largest = room / 2.0
     lift = clip(thrust_n / 4.0, min(least + largest, thrust_n / 2.0), most - largest)

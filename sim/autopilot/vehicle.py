@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 from pymavlink.dialects.v20 import development as mavlink
@@ -29,7 +29,7 @@ BOOT_S = 0.3  # age of the autopilot at its first tick, so that no stamp is zero
 HOVER_N = 3.4 * 9.80665
 ON_GROUND, IN_AIR, LANDING = 1, 2, 4  # MAV_LANDED_STATE
 GRIPPER_REPEAT_S = 0.5
-GIMBAL_DELAY_S = 0.1
+GIMBAL_DELAY_S = 0.26  # after the mode, as recorded; repeated 1.0, 1.5 and 2.0 s after that
 
 
 class Pack(Protocol):
@@ -88,6 +88,7 @@ class Vehicle:
         self.estimator = Estimator()
         self.estimate = Estimate()
         self.commander = CommanderState()
+        self._announced = self.commander  # as it was at the end of the last tick
         self.phase = PhaseState()
         self.peer = Peer()
         self._setpoint: Target | None = None
@@ -132,9 +133,8 @@ class Vehicle:
         self._truth, self._pack = truth, pack
         self.estimate = self.estimator.step(_truth_ned(self._now_s, truth))
         self._read_inbox()
-        was = self.commander
-        self.commander = commander.step(was, self._inputs(), self._now_s)
-        self._announce(was)
+        self.commander = commander.step(self.commander, self._inputs(), self._now_s)
+        self._announce()
         self._fly(min(dt_s, 0.02), truth, pack)
         self._talk()
         return self._motors if self.armed else None
@@ -208,8 +208,9 @@ class Vehicle:
             tilt_rad=math.acos(max(-1.0, min(1.0, upright))),
         )
 
-    def _announce(self, was: CommanderState) -> None:
-        now = self.commander
+    def _announce(self) -> None:
+        was, now = self._announced, self.commander
+        self._announced = now
         if now.failsafe and not was.failsafe:
             self._say("Failsafe activated: landing")
         if now.armed and now.mode is FlightMode.LAND and (was.mode is not FlightMode.LAND):
@@ -353,12 +354,8 @@ class Vehicle:
         ]
         self.queue(now, after_s=GIMBAL_DELAY_S)
         self.queue(
-            [command(configure, i, *take) for i in (1, 2, 3)], every_s=0.5, after_s=GIMBAL_DELAY_S + 0.5
+            [command(configure, i, *take) for i in (1, 2, 3)], every_s=0.5, after_s=GIMBAL_DELAY_S + 1.0
         )
-
-    def force_state(self, **changes: object) -> None:
-        """Change what the commander remembers; for fault injection only."""
-        self.commander = replace(self.commander, **changes)  # type: ignore[arg-type]
 
 
 def _truth_ned(now_s: float, truth: QuadState) -> Truth:

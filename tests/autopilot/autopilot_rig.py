@@ -46,7 +46,9 @@ def vision_message(truth: QuadState, stamp_us: int, *, frame: int = 20, shift_m=
     )
 
 
-def setpoint_message(mask: int, n=0.0, e=0.0, d=0.0, vn=0.0, ve=0.0, vd=0.0, an=0.0, ae=0.0, ad=0.0, yaw=0.0, rate=0.0):
+def setpoint_message(
+    mask: int, n=0.0, e=0.0, d=0.0, vn=0.0, ve=0.0, vd=0.0, an=0.0, ae=0.0, ad=0.0, yaw=0.0, rate=0.0
+):
     return mavlink.MAVLink_set_position_target_local_ned_message(
         0, 1, 1, 1, mask, n, e, d, vn, ve, vd, an, ae, ad, yaw, rate
     )
@@ -114,7 +116,9 @@ class Rig:
         if self.setpoint is not None and self.ticks % 5 == 0:
             self.send(self.setpoint())
         motors = self.vehicle.step(self.now_s, self.truth, self.battery)
-        if self.quad is not None:
+        # Without rotors the rover's physics has the robot; a quad at rest stays at rest.
+        still = motors is None and self.truth.on_ground and abs(float(self.truth.velocity_mps[2])) < 1e-3
+        if self.quad is not None and not still:
             self.battery.draw("rotors", self.truth.electrical_w)
             self.quad.set_volts(self.battery.step(STEP_S))
             self.truth = self.quad.step(np.zeros(4) if motors is None else np.array(motors))

@@ -13,6 +13,7 @@ import struct
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 os.environ["MAVLINK20"] = "1"
@@ -33,6 +34,7 @@ NAMES = {
     514: "ESTIMATOR_SENSOR_FUSION_STATUS",
 }
 HOME = 242.0
+STEADY_S = 10.0  # the client has asked for its intervals by then
 
 
 def number(value: float, digits: int = 4) -> float | None:
@@ -51,7 +53,12 @@ def messages(path: Path) -> Iterator[tuple[float, str, int, object]]:
         yield message._timestamp - start, name, component, message
 
 
-def distil(path: Path) -> dict[str, object]:
+def mean_rate(times: list[float]) -> float:
+    """Messages a second over their own span; 0 for fewer than ten."""
+    return round((len(times) - 1) / (times[-1] - times[0]), 3) if len(times) >= 10 else 0.0
+
+
+def distil(path: Path) -> dict[str, object]:  # noqa: C901  one pass over the messages
     seen: dict[str, list[float]] = defaultdict(list)
     client: list[list[object]] = []
     setpoints: list[list[float | None]] = []
@@ -110,15 +117,15 @@ def distil(path: Path) -> dict[str, object]:
             case "LOCAL_POSITION_NED":
                 down.append((t, m.z, m.vz))
     asked = {row[2] for row in client if row[1] == "read"} | {row[2] for row in client if row[1] == "set"}
-    gaps = [[round(a, 3), round(b, 3)] for a, b in zip(stream, stream[1:], strict=False) if b - a > 0.3]
+    gaps = [[round(a, 3), round(b, 3)] for a, b in pairwise(stream) if b - a > 0.3]
     beats = seen["HEARTBEAT"]
     return {
         "duration_s": round(t, 2),
         "messages": {
-            name: [len(times), round((len(times) - 1) / (times[-1] - times[0]), 3) if len(times) > 1 else 0.0]
+            name: [len(times), mean_rate([x for x in times if x > STEADY_S])]
             for name, times in sorted(seen.items())
         },
-        "heartbeat_gap_s": [round(f(b - a for a, b in zip(beats, beats[1:], strict=False)), 3) for f in (min, max)],
+        "heartbeat_gap_s": [round(f(b - a for a, b in pairwise(beats)), 3) for f in (min, max)],
         "client": client,
         "vision_s": [round(vision[0], 2), round(vision[-1], 2)],
         "setpoint_stream_s": [round(stream[0], 3), round(stream[-1], 3)],
@@ -150,7 +157,9 @@ def main() -> int:
     for flight in FLIGHTS:
         path = SHARED / "data" / "px4_flights" / f"{flight}.tlog"
         if not path.exists():
-            sys.stderr.write(f"{path} is missing. Set LABR_SHARED to the folder that holds data/px4_flights.\n")
+            sys.stderr.write(
+                f"{path} is missing. Set LABR_SHARED to the folder that holds data/px4_flights.\n"
+            )
             return 2
         facts[flight] = distil(path)
     target = HERE.with_name("px4_facts.json")

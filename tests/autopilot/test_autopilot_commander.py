@@ -23,14 +23,18 @@ from sim.autopilot.modes import FlightMode, find_mode
 NOW = 50.0
 FLYING = FlightMode.OFFBOARD
 STATES = [
-    CommanderState(intended=mode, armed=armed, failsafe=armed and failsafe, armed_s=10.0, flown_s=flown, landed_s=landed)
+    CommanderState(
+        intended=mode, armed=armed, failsafe=armed and failsafe, armed_s=10.0, flown_s=flown, landed_s=landed
+    )
     for mode, armed, failsafe, flown, landed in itertools.product(
         FlightMode, (False, True), (False, True), (None, 12.0), (None, 40.0, 49.5)
     )
 ]
 INPUTS = [
     CommanderInputs(setpoint_age_s=age, setpoint_usable=usable, landed=landed, tilt_rad=tilt)
-    for age, usable, landed, tilt in itertools.product((0.02, 3.0, math.inf), (True, False), (True, False), (0.0, 1.5))
+    for age, usable, landed, tilt in itertools.product(
+        (0.02, 3.0, math.inf), (True, False), (True, False), (0.0, 1.5)
+    )
 ]
 REQUESTS = [
     *(Request(kind, force=force) for kind in (Kind.ARM, Kind.DISARM) for force in (False, True)),
@@ -80,7 +84,10 @@ def test_arming_needs_offboard_with_fresh_setpoints():
     arm = Request(Kind.ARM)
     assert request(hold, arm, fresh, NOW)[1] is Result.TEMPORARILY_REJECTED
     assert request(offboard, arm, CommanderInputs(), NOW)[1] is Result.TEMPORARILY_REJECTED
-    assert request(offboard, arm, CommanderInputs(0.05, setpoint_usable=False), NOW)[1] is Result.TEMPORARILY_REJECTED
+    assert (
+        request(offboard, arm, CommanderInputs(0.05, setpoint_usable=False), NOW)[1]
+        is Result.TEMPORARILY_REJECTED
+    )
     armed, result = request(offboard, arm, fresh, NOW)
     assert (result, armed.armed) == (Result.ACCEPTED, True)
     assert request(armed, arm, fresh, NOW + 1.0) == (armed, Result.ACCEPTED)

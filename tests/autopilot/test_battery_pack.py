@@ -64,7 +64,9 @@ def test_a_consumer_cannot_charge_it():
     assert battery.remaining == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("bad", [{"pack_j": 0.0}, {"remaining": 1.2}, {"remaining": -0.1}, {"resistance_ohm": -1.0}])
+@pytest.mark.parametrize(
+    "bad", [{"pack_j": 0.0}, {"remaining": 1.2}, {"remaining": -0.1}, {"resistance_ohm": -1.0}]
+)
 def test_nonsense_is_refused(bad):
     with pytest.raises(BadInput, match="makes no sense"):
         Battery(**bad)
