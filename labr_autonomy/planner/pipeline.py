@@ -15,9 +15,9 @@ from labr_autonomy.perception.fields import Field2, Field3
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
-from labr_autonomy.refine.cost_to_go import CostToGo
 from labr_autonomy.refine.planner import Refiner
-from labr_autonomy.refine.search import to_key_points
+from labr_autonomy.refine.reference import to_key_points
+from labr_autonomy.refine.search import GOAL_SNAP_M, CostToGo
 from labr_autonomy.refine.values import AirState, LandState, RefineResult
 from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Pose, Source, Trajectory
 
@@ -138,7 +138,9 @@ class Pipeline:
         if same and now_s - self._ways_s < ROUTE_EVERY_S:
             return
         radius_m = self._refiner.land_hard_m + ROUTE_MARGIN_M
-        self._ways = CostToGo(field, goal, radius_m, UNDER_GOAL_M if request.goal_in_air else 0.5)
+        self._ways = CostToGo(
+            field, goal, radius_m, reach_m=UNDER_GOAL_M if request.goal_in_air else GOAL_SNAP_M
+        )
         self._ways_s, self._ways_goal = now_s, goal.copy()
 
     def _land_path_ends(self, request: PlanRequest) -> bool:
@@ -267,7 +269,7 @@ class Pipeline:
         slice_floor_m = float(here[2]) - self._config.body.below_m - 0.1
         slice_pose = Pose(here, request.body_pose.quaternion)
         layer = self._map.land_field(slice_pose, slice_floor_m)
-        way = CostToGo(layer, goal[:2], radius_m, UNDER_GOAL_M).path(here[:2])
+        way = CostToGo(layer, goal[:2], radius_m, reach_m=UNDER_GOAL_M).path(here[:2])
         if way is None:
             return here[None], Source.BRAKE, f"{why}; no way at this height"
         keys = to_key_points(way)

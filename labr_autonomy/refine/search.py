@@ -15,10 +15,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from labr_autonomy.perception.fields import Field2
-from labr_autonomy.refine.reference import to_key_points
 from labr_autonomy.types import Array
-
-__all__ = ["cell_cost", "free_edges", "search_land", "snap", "straightened", "to_key_points"]
 
 GOAL_SNAP_M = 0.5  # a goal farther from free space than this has no path
 START_SNAP_M = 0.8
@@ -28,41 +25,87 @@ ON_CELL = 0.51  # a goal this many cells from a cell's centre lies in it
 GAIN = 1.02  # a straight cut may cost this much of what it replaces
 
 
-def search_land(
-    field: Field2, start_xy: Array, goal_xy: Array, radius_m: float, unknown_cost: float = 2.0
-) -> Array | None:
-    """Shortest drivable path from start to goal, (k, 2) odom with the start first; None if there is none.
+class CostToGo:
+    """Shortest ways from everywhere on a 2D map to one goal: one Dijkstra, many questions.
+
+    Costs are metres, weighted near obstacles and in unknown cells.
 
     Args:
         field: The 2D map.
-        start_xy: Where the robot is; moved to the nearest free cell within START_SNAP_M.
-        goal_xy: Where to go; clamped into the map, then moved to the nearest free cell within GOAL_SNAP_M.
-        radius_m: Least distance of the path to obstacles.
+        goal_xy: (2,) odom; clamped into the map, then moved to the nearest free cell within `reach_m`.
+        radius_m: Least distance of a way to obstacles.
         unknown_cost: Factor on unknown cells (1 = as good as known).
+        reach_m: How far the goal may be moved to free space.
     """
-    distance = np.asarray(field.distance_m, dtype=float)
-    free = distance > radius_m
-    start = snap(field, free, start_xy, START_SNAP_M)
-    inside = np.clip(goal_xy, field.origin_m + field.cell_m / 2, field.upper_m - field.cell_m / 2)
-    goal = snap(field, free, inside, GOAL_SNAP_M)
-    if start is None or goal is None:
-        return None
-    cost = cell_cost(distance, field.known, radius_m, unknown_cost)
-    cells = _shortest(free, cost, start, goal)
-    if cells is None:
-        return None
-    cells = straightened(cells, free, cost)
-    path = field.origin_m + (cells + 0.5) * field.cell_m
-    path[0] = start_xy
-    wanted = np.asarray(goal_xy, dtype=float)
-    on_cell = (
-        float(np.abs(wanted - (field.origin_m + (goal + 0.5) * field.cell_m)).max()) <= ON_CELL * field.cell_m
-    )
-    if on_cell and float(field.lookup(wanted[None])[0]) > radius_m:
-        end = wanted
-    else:
-        end = field.origin_m + (goal + 0.5) * field.cell_m
-    return np.stack([path[0], end]) if len(path) == 1 else np.vstack([path[:-1], end])
+
+    def __init__(
+        self,
+        field: Field2,
+        goal_xy: Array,
+        radius_m: float,
+        unknown_cost: float = 2.0,
+        reach_m: float = GOAL_SNAP_M,
+    ) -> None:
+        self._field = field
+        self._radius_m = radius_m
+        self._goal_xy = np.asarray(goal_xy, dtype=float)
+        distance = np.asarray(field.distance_m, dtype=float)
+        self._free = distance > radius_m
+        self._price = cell_cost(distance, field.known, radius_m, unknown_cost)
+        inside = np.clip(goal_xy, field.origin_m + field.cell_m / 2, field.upper_m - field.cell_m / 2)
+        self._goal = snap(field, self._free, inside, reach_m)
+        self._cost_m: Array = np.full(self._free.size, np.inf)
+        self._before = np.full(self._free.size, -1)
+        if self._goal is not None:
+            tails, heads, weight = free_edges(self._free, self._price)
+            graph = csr_matrix((weight, (tails, heads)), shape=(self._free.size,) * 2)
+            goal = int(np.ravel_multi_index(tuple(self._goal), self._free.shape))
+            # from the goal, so that the predecessors lead from any start onwards
+            cost, self._before = dijkstra(graph, directed=False, indices=goal, return_predecessors=True)
+            self._cost_m = cost * field.cell_m
+
+    @property
+    def target_xy(self) -> Array | None:
+        """Where the ways end, (2,) odom: the goal, or the free cell nearest to it; None if there is none."""
+        if self._goal is None:
+            return None
+        field = self._field
+        centre: Array = field.origin_m + (self._goal + 0.5) * field.cell_m
+        in_cell = float(np.abs(self._goal_xy - centre).max()) <= ON_CELL * field.cell_m
+        free = in_cell and float(field.lookup(self._goal_xy[None])[0]) > self._radius_m
+        return self._goal_xy if free else centre
+
+    def _index(self, place_xy: Array) -> int | None:
+        cell = snap(self._field, self._free, place_xy, START_SNAP_M)
+        return None if cell is None else int(np.ravel_multi_index(tuple(cell), self._free.shape))
+
+    def cost_m(self, place_xy: Array) -> float:
+        """Weighted metres left from a place (2,) odom; inf without a way."""
+        at = self._index(place_xy)
+        return math.inf if at is None else float(self._cost_m[at])
+
+    def path(self, start_xy: Array) -> Array | None:
+        """Corners of the shortest way, (k, 2) odom with the start first; None without a way."""
+        at, target = self._index(start_xy), self.target_xy
+        if at is None or target is None or not np.isfinite(self._cost_m[at]):
+            return None
+        way = [at]
+        while self._before[way[-1]] >= 0:
+            way.append(int(self._before[way[-1]]))
+        cells = np.stack(np.unravel_index(way, self._free.shape), axis=1)
+        cells = straightened(cells, self._free, self._price)
+        path: Array = self._field.origin_m + (cells + 0.5) * self._field.cell_m
+        return np.vstack([np.asarray(start_xy, dtype=float), path[1:-1], target])
+
+
+def search_land(
+    field: Field2, start_xy: Array, goal_xy: Array, radius_m: float, unknown_cost: float = 2.0
+) -> Array | None:
+    """One shortest drivable path, (k, 2) odom with the start first; None if there is none.
+
+    The start is moved to the nearest free cell within START_SNAP_M; the rest is as for `CostToGo`.
+    """
+    return CostToGo(field, goal_xy, radius_m, unknown_cost).path(start_xy)
 
 
 def cell_cost(distance_m: Array, known: NDArray[np.bool_], radius_m: float, unknown_cost: float) -> Array:
@@ -111,24 +154,6 @@ def free_edges(free: NDArray[np.bool_], price: Array) -> tuple[NDArray[np.int32]
     open_ = flat[tails] & flat[heads]
     tails, heads = tails[open_], heads[open_]
     return tails, heads, lengths[open_] * 0.5 * (each[tails] + each[heads])
-
-
-def _shortest(
-    free: NDArray[np.bool_], cost: Array, start: NDArray[np.int64], goal: NDArray[np.int64]
-) -> NDArray[np.int64] | None:
-    """Cells (k, 2) of the cheapest way through free cells, or None."""
-    tails, heads, weight = free_edges(free, cost)
-    size = free.size
-    graph = csr_matrix((weight, (tails, heads)), shape=(size, size))
-    first, last = (int(np.ravel_multi_index(tuple(c), free.shape)) for c in (start, goal))
-    # from the goal, so that the predecessors lead from the start onwards
-    reached, before = dijkstra(graph, directed=False, indices=last, return_predecessors=True)
-    if not np.isfinite(reached[first]):
-        return None
-    way = [first]
-    while way[-1] != last:
-        way.append(int(before[way[-1]]))
-    return np.stack(np.unravel_index(way, free.shape), axis=1)
 
 
 def straightened(cells: NDArray[np.int64], free: NDArray[np.bool_], cost: Array) -> NDArray[np.int64]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from refine_rooms import boxes2, boxes3, random_boxes
 
-from labr_autonomy.refine.search import search_land, to_key_points
+from labr_autonomy.refine.reference import to_key_points
+from labr_autonomy.refine.search import search_land
 from labr_autonomy.refine.values import AirState, LandState
 from labr_autonomy.types import Source
 

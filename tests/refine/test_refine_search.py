@@ -12,7 +12,8 @@ from refine_rooms import boxes2, random_boxes
 
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.refine import search
-from labr_autonomy.refine.search import search_land, to_key_points
+from labr_autonomy.refine.reference import to_key_points
+from labr_autonomy.refine.search import search_land
 
 
 def brute_force(free, price, start, goal):
