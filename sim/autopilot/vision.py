@@ -16,6 +16,7 @@ from sim.autopilot.estimator import (
 from sim.autopilot.vectors import UNKNOWN, Vector, matrix, rotate, yaw_of
 
 MAX_AGE_S = 0.5
+SAME_CLOCK_S = 0.1
 
 
 def pose_of_odometry(message: mavlink.MAVLink_message, stamp_s: float) -> VisionPose | None:
@@ -48,10 +49,14 @@ def pose_of_vision_estimate(message: mavlink.MAVLink_message, stamp_s: float) ->
 
 
 class ClockOffset:
-    """The client's clock against ours, from the answers to our TIMESYNC requests."""
+    """The client's clocks against ours, from the answers to our TIMESYNC requests.
+
+    A companion may answer twice, MAVSDK with one clock and the program on top of it with another. Each clock
+    keeps its offset, and a stamp belongs to the one by which it is young.
+    """
 
     def __init__(self) -> None:
-        self._offset_s: float | None = None
+        self._offsets_s: list[float] = [0.0]  # ours minus theirs; some clients know our clock
 
     def answer(self, theirs_ns: int, sent_ns: int, now_s: float) -> None:
         """Take a TIMESYNC answer: their time, and when we asked."""
@@ -59,13 +64,15 @@ class ClockOffset:
         if not 0.0 <= now_s - sent_s < 0.2:
             return
         offset_s = 0.5 * (sent_s + now_s) - theirs_ns * 1e-9
-        old = self._offset_s
-        far = old is None or abs(offset_s - old) > 0.1
-        self._offset_s = offset_s if far or old is None else old + 0.05 * (offset_s - old)
+        near = [o for o in self._offsets_s[1:] if abs(o - offset_s) < SAME_CLOCK_S]
+        others = [o for o in self._offsets_s[1:] if o not in near]
+        kept_s = near[0] + 0.05 * (offset_s - near[0]) if near else offset_s
+        self._offsets_s = [0.0, *others[-2:], kept_s]
 
     def local_s(self, theirs_us: int, now_s: float) -> float:
         """A stamp of theirs on our clock; a stamp that makes no sense counts as now, as in PX4."""
-        for offset_s in (self._offset_s, 0.0):
-            if offset_s is not None and 0.0 <= now_s - (theirs_us * 1e-6 + offset_s) <= MAX_AGE_S:
-                return theirs_us * 1e-6 + offset_s
+        for offset_s in reversed(self._offsets_s):
+            stamp_s = theirs_us * 1e-6 + offset_s
+            if -0.02 <= now_s - stamp_s <= MAX_AGE_S:
+                return min(stamp_s, now_s)
         return now_s

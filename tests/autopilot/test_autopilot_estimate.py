@@ -145,6 +145,9 @@ def test_stamps_are_translated_by_timesync_and_nonsense_counts_as_now():
     assert offset.local_s(1_700_000_000_000_000, 5.03) == 5.03
     offset.answer(theirs_ns=1_000_000_000_000, sent_ns=5_000_000_000, now_s=5.01)
     assert offset.local_s(1_000_000_000, 5.03) == pytest.approx(5.005)
+    offset.answer(theirs_ns=77_000_000_000, sent_ns=5_000_000_000, now_s=5.01)  # the program's other clock
+    assert offset.local_s(1_000_000_000, 5.03) == pytest.approx(5.005)
+    assert offset.local_s(77_000_000, 5.03) == pytest.approx(5.005)
     offset.answer(theirs_ns=0, sent_ns=1_000_000_000, now_s=5.0)  # an answer to a question long past
     assert offset.local_s(1_000_000_000, 5.03) == pytest.approx(5.005)
 
