@@ -19,7 +19,6 @@ JUMP_M = 1.0  # a sample further off than this is refused ...
 RESET_S = 1.0  # ... until nothing has been fused for so long; then the estimate jumps to it
 SMOOTHING_S = 0.25
 HISTORY_S = 0.5
-FAKE_DRIFT = 0.995  # velocity errors die out by this much a step when only velocities are fused
 
 FRAME_LOCAL_NED = 1
 FRAME_MOCAP_NED = 14

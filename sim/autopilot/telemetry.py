@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import development as mavlink
 
 from sim.autopilot.controller import MASS_KG, Demand, Target
 from sim.autopilot.estimator import Estimate
-from sim.autopilot.vectors import Vector, roll_pitch_of
+from sim.autopilot.vectors import roll_pitch_of
 
 # Mean rates measured on the recorded link [Hz]; asking for an interval replaces them.
 RATES_HZ: dict[int, float] = {
@@ -373,8 +373,3 @@ def _diagonal(first: float, second: float) -> list[float]:
 
 def _number(value: float) -> float:
     return value if math.isfinite(value) else 0.0
-
-
-def finite(vector: Vector) -> bool:
-    """Whether all three parts are numbers."""
-    return math.isfinite(vector[0] + vector[1] + vector[2])

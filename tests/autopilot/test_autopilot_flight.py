@@ -86,6 +86,7 @@ def test_losing_the_vision_lands_after_its_time_out():
     assert not rig.vehicle.armed
 
 
+@pytest.mark.slow
 def test_it_stays_on_the_ground_without_a_climb():
     rig = Rig()
     rig.fly_to(0.0, 0.0, -0.10)
@@ -99,6 +100,7 @@ def test_it_stays_on_the_ground_without_a_climb():
     assert not rig.vehicle.armed, "ten seconds without a take-off"
 
 
+@pytest.mark.slow
 def test_requests_in_the_air():
     rig = Rig()
     rig.take_off(0.5)
@@ -154,6 +156,7 @@ def test_it_shrugs_off_garbage():
     assert rig.command(31999) == UNSUPPORTED
 
 
+@pytest.mark.slow
 def test_the_imu_shows_the_truth_with_constant_biases():
     rig = Rig(flying_body=False, seed=5)
     rig.truth = parked()

@@ -220,6 +220,7 @@ def test_every_recorded_message_is_sent_or_left_out_for_a_reason(replays):
     assert sent - recorded == set(), "PX4 sends no such thing"
 
 
+@pytest.mark.slow
 @FLIGHTS
 def test_rates_are_within_a_fifth(flight):
     facts = FACTS[flight]
