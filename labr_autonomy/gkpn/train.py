@@ -12,6 +12,7 @@ import logging
 import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -23,6 +24,7 @@ from labr_autonomy.gkpn.evaluate import evaluate, network_planner, straight_line
 from labr_autonomy.gkpn.losses import LossConfig, Losses, losses
 from labr_autonomy.gkpn.network import Gkpn, NetworkConfig
 
+CHECKPOINT = "checkpoint.pt"  # network, optimiser, step, and the settings of every stretch of the run
 log = logging.getLogger(__name__)
 
 
@@ -87,12 +89,14 @@ def train(training: Views, validation: Views, run_dir: Path, config: TrainConfig
     run_dir.mkdir(parents=True, exist_ok=True)
     net: Gkpn = Gkpn(config.network).to(memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), lr=config.rate, weight_decay=config.decay)
-    checkpoint, first = run_dir / "checkpoint.pt", 0
+    checkpoint, first, history = run_dir / CHECKPOINT, 0, list[dict[str, Any]]()
     if checkpoint.exists():
         state = torch.load(checkpoint, weights_only=True)
         net.load_state_dict(state["net"])
         optimiser.load_state_dict(state["optimiser"])
-        first = int(state["step"])
+        first, history = int(state["step"]), state["history"]
+    if first < config.steps:
+        history.append({"from_step": first, **asdict(config)})
     log.info("straight line %s", json.dumps(evaluate(straight_line, validation, config.loss)))
     clock = SystemClock()
     began_s, sums = clock.now_s(), dict[str, float]()
@@ -111,7 +115,7 @@ def train(training: Views, validation: Views, run_dir: Path, config: TrainConfig
             means = {name: round(value / config.save_every, 4) for name, value in sums.items()}
             log.info("step %d %.0f s %s", done, clock.now_s() - began_s, json.dumps(means))
             sums.clear()
-            _save(checkpoint, net, optimiser, done)
+            _save(checkpoint, net, optimiser, done, history)
         if done % config.check_every == 0 or done == config.steps:
             figures = evaluate(network_planner(net.eval()), validation, config.loss)
             log.info("validation %s", json.dumps(figures))
@@ -119,10 +123,13 @@ def train(training: Views, validation: Views, run_dir: Path, config: TrainConfig
     return net
 
 
-def _save(path: Path, net: Gkpn, optimiser: torch.optim.Optimizer, step: int) -> None:
+def _save(
+    path: Path, net: Gkpn, optimiser: torch.optim.Optimizer, step: int, history: list[dict[str, Any]]
+) -> None:
     """Write the checkpoint in one move, so that a stopped run leaves a whole one."""
     fresh = path.with_suffix(".new")
-    torch.save({"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step}, fresh)
+    state = {"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step, "history": history}
+    torch.save(state, fresh)
     fresh.replace(path)
 
 
@@ -147,7 +154,13 @@ def main() -> None:
     if a.weights:
         from labr_autonomy.gkpn.export import export
 
-        facts = {"config": asdict(config), "data": training.facts(), "validation": validation.facts()}
+        history = torch.load(a.run / CHECKPOINT, weights_only=True)["history"]
+        facts = {
+            "config": asdict(config),
+            "history": history,
+            "data": training.facts(),
+            "validation": validation.facts(),
+        }
         export(net, a.weights, validation, config.loss, facts)
 
 
