@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labr_autonomy.estimation.vio_message import VioSample
-from labr_autonomy.types import Array
+from labr_autonomy.types import Array, ImuSample
 
 GRAVITY_MPS2 = 9.80665  # ISO 80000-3
 P, V, R, BG, BA = (slice(i, i + 3) for i in range(0, 15, 3))
@@ -41,6 +41,8 @@ class Noise:
     wheel_speed_share: float = 0.03  # of the speed: radius error and creep
     wheel_side_mps: float = 0.05  # non-holonomic constraint, sideways
     wheel_up_mps: float = 0.05  # and vertically
+    smooth_mps2: float = 4.0  # two readings differ by this much through noise and ordinary flight
+    smooth_rps: float = 0.8
     blind_mps2: float = 1.5  # unknown acceleration while the IMU is silent
     blind_rps: float = 0.8  # unknown turning while the IMU is silent
 
@@ -127,7 +129,36 @@ def start(sample: VioSample, noise: Noise) -> State:
     )
 
 
-def advance(s: State, specific_force_mps2: Array, rate_rps: Array, dt_s: float, noise: Noise) -> State:
+@dataclass(frozen=True, slots=True)
+class Roughness:
+    """How much the IMU changed from one reading to the next, beyond its noise.
+
+    At 50 Hz a knock of a few milliseconds (a touchdown) is sampled or missed as it happens; what lies
+    between two readings that differ is not known, and the filter has to admit it.
+    """
+
+    force_mps2: float = 0.0
+    rate_rps: float = 0.0
+
+
+SMOOTH = Roughness()
+
+
+def roughness(before: ImuSample, after: ImuSample, noise: Noise) -> Roughness:
+    """Roughness between two consecutive readings."""
+    force = math.dist(after.specific_force_mps2, before.specific_force_mps2)
+    rate = math.dist(after.angular_velocity_rps, before.angular_velocity_rps)
+    return Roughness(max(0.0, force - noise.smooth_mps2), max(0.0, rate - noise.smooth_rps))
+
+
+def advance(
+    s: State,
+    specific_force_mps2: Array,
+    rate_rps: Array,
+    dt_s: float,
+    noise: Noise,
+    rough: Roughness = SMOOTH,
+) -> State:
     """Dead reckoning over `dt_s` with one mean IMU reading (body)."""
     turn = (rate_rps - s.gyroscope_bias_rps) * dt_s
     force = specific_force_mps2 - s.accelerometer_bias_mps2
@@ -142,7 +173,12 @@ def advance(s: State, specific_force_mps2: Array, rate_rps: Array, dt_s: float, 
     f[R, R] = _turned(_IDENTITY_Q, -turn)[1]
     f[R, BG] = _EYE * -dt_s
     covariance = f @ s.covariance @ f.T
-    covariance[_DIAGONAL, _DIAGONAL] += _process(noise, dt_s)
+    added = _process(noise, dt_s)
+    if rough is not SMOOTH:
+        added[V] += (rough.force_mps2 * dt_s) ** 2
+        added[P] += (0.5 * rough.force_mps2 * dt_s * dt_s) ** 2
+        added[R] += (rough.rate_rps * dt_s) ** 2
+    covariance[_DIAGONAL, _DIAGONAL] += added
     q, rotation = _turned(s.quaternion, turn)
     return State(
         s.position_m + s.velocity_mps * dt_s + acceleration * (0.5 * dt_s * dt_s),

@@ -32,6 +32,12 @@ TILT_MAX_RAD = math.radians(6.0)  # VIO's "up" against gravity at the start
 EARLY_READINGS = 64  # more than a second of them
 NEAR_S, NEAR_READINGS = 0.6, 10  # readings whose mean is compared
 REST_BAND_MPS2 = 0.6  # specific force this near g counts as unaccelerated
+RESTART_AFTER = 30  # VIO samples refused in a row that agree with each other: the filter is wrong, not VIO
+STEADY_WHEEL_MPS = 0.15  # and VIO and wheels may differ by this much
+STEADY_M, STEADY_GAP_S = (
+    0.05,
+    0.2,
+)  # two samples agree when they are no further apart than their velocity says
 
 Payload = ImuSample | VioSample | WheelOdometry
 
@@ -44,6 +50,7 @@ class _Node:
     payload: Payload
     state: es.State
     imu: ImuSample | None  # newest reading at this node
+    rough: es.Roughness = es.SMOOTH  # how that reading differs from the one before
     counted: bool = False
 
 
@@ -63,6 +70,10 @@ class PoseFilter:
         self.refused: Counter[str] = Counter()
         self.vio_rejected_in_a_row = 0
         self.wheels_rejected_in_a_row = 0
+        self.restarts = 0  # times the filter gave in to a VIO that contradicted it long and steadily
+        self._steady = 0
+        self._last_vio: VioSample | None = None
+        self._last_wheels: WheelOdometry | None = None  # while they carry the robot
         self.vio_distance = 0.0  # squared Mahalanobis distance of the newest VIO sample, 9 on average
 
     @property
@@ -79,6 +90,7 @@ class PoseFilter:
 
     def reset(self) -> None:
         """Forget the pose; the next VIO sample starts anew."""
+        self._steady = 0
         self._early.extend(n.payload for n in self._nodes if isinstance(n.payload, ImuSample))
         self._nodes.clear()
         self._stamps.clear()
@@ -108,10 +120,36 @@ class PoseFilter:
         if not self._nodes:
             return self._start(sample)
         rejected = self.vio_rejected_in_a_row
+        steady = self._agrees_with_itself(sample)
         if self._insert(sample.stamp_s, sample) is None:
             self.refused["vio_late"] += 1
             return False
-        return self.vio_rejected_in_a_row <= rejected
+        if self.vio_rejected_in_a_row <= rejected:
+            self._steady = 0
+            return True
+        self._steady = self._steady + 1 if steady else 0
+        if self._steady < RESTART_AFTER:
+            return False
+        self.restarts += 1
+        self.reset()
+        return self._start(sample)
+
+    def _agrees_with_itself(self, sample: VioSample) -> bool:
+        """Whether VIO moved since its last sample as it says it moves, and the wheels do not deny it.
+
+        A source that repeats one pose to the last bit has stopped working.
+        """
+        last, self._last_vio = self._last_vio, sample
+        if last is None or np.array_equal(sample.position_m, last.position_m):
+            return False
+        dt_s = sample.stamp_s - last.stamp_s
+        moved = sample.position_m - last.position_m - 0.5 * dt_s * (sample.velocity_mps + last.velocity_mps)
+        wheels = self._last_wheels
+        if wheels is not None and abs(sample.stamp_s - wheels.stamp_s) < STEADY_GAP_S:
+            speed = float(np.linalg.norm(sample.velocity_mps[:2]))
+            if abs(speed - abs(wheels.speed_mps)) > STEADY_WHEEL_MPS:
+                return False
+        return dt_s < STEADY_GAP_S and float(np.linalg.norm(moved)) < STEADY_M
 
     def add_wheels(self, sample: WheelOdometry, on_ground: bool) -> bool:
         """Take in the wheels' speed while they carry the robot. False when not used."""
@@ -121,6 +159,7 @@ class PoseFilter:
         self._newest_s["wheels"] = sample.stamp_s
         if not on_ground:
             return False
+        self._last_wheels = sample
         rejected = self.wheels_rejected_in_a_row
         if self._insert(sample.stamp_s, sample) is None:
             return False
@@ -203,6 +242,7 @@ class PoseFilter:
         reading = payload if isinstance(payload, ImuSample) else None
         state = self._carried(before, node.stamp_s, reading)
         node.imu = reading or before.imu
+        node.rough = before.rough if reading is None else self._roughness(before, reading)
         if isinstance(payload, VioSample):
             state = self._with_vio(state, payload, node)
         elif isinstance(payload, WheelOdometry):
@@ -219,15 +259,26 @@ class PoseFilter:
         if reading is None:
             if held is None or stamp_s - held.stamp_s > IMU_GAP_S:
                 return es.coast(before.state, dt_s, self._noise)
-            return es.advance(
-                before.state, held.specific_force_mps2, held.angular_velocity_rps, dt_s, self._noise
-            )
+            force, rate = held.specific_force_mps2, held.angular_velocity_rps
+            return es.advance(before.state, force, rate, dt_s, self._noise, before.rough)
         if held is None or reading.stamp_s - held.stamp_s > IMU_GAP_S:
             return es.coast(before.state, dt_s, self._noise)
         # The mean of both ends of the interval: no lag of half a sample.
         force = 0.5 * (held.specific_force_mps2 + reading.specific_force_mps2)
         rate = 0.5 * (held.angular_velocity_rps + reading.angular_velocity_rps)
-        return es.advance(before.state, force, rate, dt_s, self._noise)
+        return es.advance(before.state, force, rate, dt_s, self._noise, self._roughness(before, reading))
+
+    def _roughness(self, before: _Node, reading: ImuSample) -> es.Roughness:
+        """Of the interval that ends with `reading`: a knock counts for the interval after it as well."""
+        if before.imu is None:
+            return es.SMOOTH
+        now = es.roughness(before.imu, reading, self._noise)
+        last = before.rough
+        if now == es.SMOOTH and last == es.SMOOTH:
+            return es.SMOOTH
+        return es.Roughness(
+            max(now.force_mps2, 0.5 * last.force_mps2), max(now.rate_rps, 0.5 * last.rate_rps)
+        )
 
     def _with_vio(self, state: es.State, sample: VioSample, node: _Node) -> es.State:
         after, distance = es.correct_vio(state, sample, GATE_VIO, self._noise)

@@ -253,3 +253,69 @@ def test_memory_is_bounded():
     run.play(6.0)
     assert len(run.filter._nodes) < 1.6 * 130 + 5
     assert len(run.filter._nodes) == len(run.filter._stamps)
+
+
+def knocked(run, at_s=2.0, size_mps2=60.0):
+    """A touchdown: one reading sees the few milliseconds of the impact."""
+    ideal = run._imu
+
+    def reading(t):
+        sample = ideal(t)
+        if abs(t - at_s) < 1e-6:
+            sample = dataclasses.replace(
+                sample, specific_force_mps2=sample.specific_force_mps2 + np.array([0, 0, size_mps2])
+            )
+        return sample
+
+    run._imu = reading
+    return run
+
+
+def test_a_knock_between_two_readings_does_not_lose_vio():
+    run = knocked(Run(Drive(), seed=8))
+    worst = []
+    run.play(3.0, lambda now, kind: worst.append(run.filter.vio_rejected_in_a_row))
+    assert max(worst) <= 2
+    assert position_error_m(run) < 0.05
+
+
+def test_a_filter_that_believes_the_knock_loses_vio():
+    deaf = dataclasses.replace(EXACT, smooth_mps2=math.inf)
+    run = knocked(Run(Drive(), seed=8, noise=deaf))
+    worst = []
+    run.play(3.0, lambda now, kind: worst.append(run.filter.vio_rejected_in_a_row))
+    assert max(worst) > 10
+
+
+def test_a_vio_that_contradicts_long_and_steadily_is_right_in_the_end():
+    run = Run(Drive(), seed=3, wheels=True, vio_of=jump)
+    run.play(4.0)
+    assert run.filter.restarts == 1
+    assert run.filter.vio_rejected_in_a_row == 0
+    assert run.filter.odometry().pose.position_m[0] - run.motion.position(4.0)[0] == pytest.approx(
+        1.0, abs=0.1
+    )
+
+
+def test_a_frozen_vio_is_never_given_in_to():
+    run = Run(Drive(0.6), wheels=True, seed=5)
+    frozen = vio(run.motion, 2.0)
+    run.vio_of = lambda t, s: dataclasses.replace(frozen, stamp_s=t) if t >= 2.0 else s
+    run.play(5.0)
+    assert run.filter.restarts == 0
+
+
+def test_a_vio_that_denies_the_wheels_is_not_given_in_to():
+    run = Run(Drive(0.6), wheels=True, seed=5)
+    rng = np.random.default_rng(1)
+    still = vio(run.motion, 2.0)
+
+    def trembling(t, s):
+        if t < 2.0:
+            return s
+        shaken = still.position_m + rng.normal(0, 0.002, 3)
+        return dataclasses.replace(still, stamp_s=t, position_m=shaken, velocity_mps=np.zeros(3))
+
+    run.vio_of = trembling
+    run.play(5.0)
+    assert run.filter.restarts == 0
