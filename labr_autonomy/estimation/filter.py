@@ -34,10 +34,8 @@ NEAR_S, NEAR_READINGS = 0.6, 10  # readings whose mean is compared
 REST_BAND_MPS2 = 0.6  # specific force this near g counts as unaccelerated
 RESTART_AFTER = 30  # VIO samples refused in a row that agree with each other: the filter is wrong, not VIO
 STEADY_WHEEL_MPS = 0.15  # and VIO and wheels may differ by this much
-STEADY_M, STEADY_GAP_S = (
-    0.05,
-    0.2,
-)  # two samples agree when they are no further apart than their velocity says
+STEADY_M = 0.05  # two VIO samples agree when they are no further apart than their velocity says
+STEADY_GAP_S = 0.2
 
 Payload = ImuSample | VioSample | WheelOdometry
 

@@ -21,13 +21,13 @@ from labr_autonomy.guard.failsafe import Reaction
 from labr_autonomy.guard.fence import Zone
 from labr_autonomy.guard.setpoint import check_setpoint
 from labr_autonomy.mission import steps
+from labr_autonomy.mission.course import Course
 from labr_autonomy.mission.steps import Kind, Policy, Status, Step
 from labr_autonomy.modes import decision, transition
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.modes.transition import Command, Phase
-from labr_autonomy.modes.vertical import vertical
-from labr_autonomy.planner.messages import Motion, PlanRequest, PlanResult
-from labr_autonomy.types import Array, Mode, Odometry, Pose, SetPoint, Trajectory
+from labr_autonomy.planner.messages import PlanRequest, PlanResult
+from labr_autonomy.types import Mode, Odometry, Pose, SetPoint
 
 PLAN_LEAD_S = 0.08  # a new trajectory begins this long after its request
 LIFT_MIN_M = 0.8  # a hop is never lower than this above driving height
@@ -38,7 +38,6 @@ STOPPED_MPS = 0.03
 FLOOR_GAIN = 0.02  # a tick; how quickly the floor's height follows the standing body
 TAKE_OFFS_MAX = 3  # refused that often, the mission has failed
 TAKEOVER_S = 1.5  # the autopilot's mode arrives with its 1 Hz heartbeat
-FRESH_ERROR_M = 0.25  # further off its trajectory than this, the robot is planned from where it is
 
 
 class Order(enum.IntEnum):
@@ -114,11 +113,8 @@ class Pilot:
         self._decision = decision.State()
         self._facts: PlanResult | None = None
         self._wants = Mode.LAND
-        self._trajectory: Trajectory | None = None
-        self._frame_stamp_s: float | None = None
-        self._hold: SetPoint | None = None
+        self._course = Course()
         self._floor_z_m: float | None = None
-        self._fresh = True
         self._refused = 0
         self._started_s: float | None = None
         self._commanded_land = False
@@ -181,7 +177,7 @@ class Pilot:
             return self._idle(tuple(events))
         self._follow_floor(look.odometry)
         progress = self._progress(look, now_s, events)
-        wants = self._wanted(progress.step, look.order, now_s, events)
+        wants = self._wanted(progress, look.order, now_s, events)
         outputs = self._hand_over(look, progress.step, wants, now_s, events)
         return self._command(look, outputs, progress, now_s, events)
 
@@ -213,7 +209,6 @@ class Pilot:
             events.append(progress.say)
         if self.steps.index != index:
             self._facts = None
-            self._fresh = True
         if progress.failed:
             self.failure = progress.say
         if self._started_s is not None and now_s - self._started_s > self._duration_s and not self.failure:
@@ -221,8 +216,9 @@ class Pilot:
             events.append(self.failure)
         return progress
 
-    def _wanted(self, step: Step | None, order: Order, now_s: float, events: list[str]) -> Mode:
+    def _wanted(self, progress: steps.Outputs, order: Order, now_s: float, events: list[str]) -> Mode:
         """Mode that mission, operator and failsafe ask for."""
+        step = progress.step
         if self.failsafe.reaction >= Reaction.LAND or order is Order.LAND:
             return Mode.LAND
         if step is None:
@@ -232,7 +228,9 @@ class Pilot:
         if step.kind is Kind.WAIT or order is Order.HOLD or self.failsafe.reaction is Reaction.HOLD:
             return self._wants if self.transition.phase not in (Phase.DRIVING, Phase.FLYING) else self.mode
         if step.policy is Policy.AIR:
-            return Mode.AIR
+            share = 1.0 if self.mode is Mode.LAND else 0.5  # come down well inside, then stay down
+            over_goal = not step.in_air and progress.distance_m < share * step.accept_m
+            return Mode.LAND if over_goal else Mode.AIR
         facts = self._decision_facts(step)
         if facts is not None:
             self._decision, wanted = decision.step(self._decision, facts, self._energy, now_s)
@@ -273,6 +271,7 @@ class Pilot:
             v_down_mps=-float(look.odometry.velocity_mps[2]),
             landed=look.landed,
             wheel_load=look.wheel_load,
+            blind=look.health.vio_age_s > failsafe.VIO_LATE_S,
         )
         self.transition, outputs = transition.step(self.transition, inputs, now_s)
         if outputs.say:
@@ -292,33 +291,26 @@ class Pilot:
         now_s: float,
         events: list[str],
     ) -> None:
-        position, yaw = odometry.pose.position_m, yaw_of(odometry.pose.quaternion)
-        self._fresh = True
+        course, air = self._course, self._config.air
         match phase:
             case Phase.DRIVING:
-                self._trajectory = None
+                course.drop()
                 self._commanded_land = False
                 self._wants = Mode.LAND
             case Phase.STOPPING:
-                self._trajectory = None
+                course.drop()
             case Phase.ARMING:
-                self._trajectory = None
-                self._hold = _rest(position, yaw, now_s)
+                course.hold_here(odometry, now_s)
             case Phase.LIFTING:
                 self._refused = 0
-                start = position if self._hold is None else self._hold.position_m
-                self._trajectory = vertical(
-                    start, yaw, self.lift_to_m(step), self._config.air.climb_mps, now_s
-                )
+                course.climb(self.lift_to_m(step), air.climb_mps, now_s)
             case Phase.FLYING:
-                self._hold = self._reference(now_s)
+                course.hold_reference(now_s)
                 self._commanded_land = False
             case Phase.DESCENDING:
-                start = (
-                    self._reference(now_s).position_m if before in (Phase.FLYING, Phase.LIFTING) else position
-                )
-                bottom = self._drive_z_m - PRESS_DOWN_M
-                self._trajectory = vertical(start, yaw, bottom, DESCEND_MPS, now_s)
+                if before not in (Phase.FLYING, Phase.LIFTING):
+                    course.hold_here(odometry, now_s)
+                course.climb(self._drive_z_m - PRESS_DOWN_M, min(DESCEND_MPS, air.descend_mps), now_s)
             case Phase.DISARMING if before is Phase.ARMING:
                 self._refused += 1
                 if self._refused >= TAKE_OFFS_MAX:
@@ -353,7 +345,7 @@ class Pilot:
             air_lock=outputs.rotors,
             air=air,
             reference=reference,
-            command=outputs.command,
+            command=None if self.failsafe.reaction is Reaction.YIELD else outputs.command,
             events=tuple(events),
             reached=progress.reached,
             phase=self.transition.phase,
@@ -361,21 +353,21 @@ class Pilot:
             step=progress.step,
             distance_m=progress.distance_m,
             reaction=self.failsafe.reaction,
-            plan_used_s=self._frame_stamp_s,
+            plan_used_s=self._course.frame_stamp_s,
             finished=self._finished(),
         )
 
     def _drive(self, look: Look, now_s: float, events: list[str]) -> tuple[SetPoint | None, float, float]:
-        if self._trajectory is None or self._trajectory.mode is not Mode.LAND or look.odometry is None:
+        reference = self._course.land(now_s)
+        if reference is None or look.odometry is None:
             return None, 0.0, 0.0
         pose = look.odometry.pose
-        reference = self._trajectory.sample(now_s)
         wanted = follow(
             reference, float(pose.position_m[0]), float(pose.position_m[1]), yaw_of(pose.quaternion)
         )
         if wanted.error_m > LOST_M:
             events.append(f"{wanted.error_m:.2f} m off the trajectory; planning anew")
-            self._trajectory, self._fresh = None, True
+            self._course.drop()
             return None, 0.0, 0.0
         asked = replace(reference, speed_mps=wanted.speed_mps, yaw_rate_rps=wanted.yaw_rate_rps)
         checked = self._checked(asked, now_s, events)
@@ -385,17 +377,8 @@ class Pilot:
 
     def _fly(self, held: bool, now_s: float, events: list[str]) -> SetPoint | None:
         if self.transition.phase is Phase.FLYING and held:
-            if self._hold is None:
-                self._hold = _rest(self._reference(now_s).position_m, self._reference(now_s).yaw_rad, now_s)
-            self._trajectory, self._fresh = None, True
-        return self._checked(self._reference(now_s), now_s, events)
-
-    def _reference(self, now_s: float) -> SetPoint:
-        """The followed air set-point: the trajectory, else the place to hold."""
-        if self._trajectory is not None and self._trajectory.mode is Mode.AIR:
-            return self._trajectory.sample(now_s)
-        assert self._hold is not None, "rotors are commanded from ARMING on, which sets the place to hold"
-        return replace(self._hold, stamp_s=now_s)
+            self._course.hold_reference(now_s)
+        return self._checked(self._course.air(now_s), now_s, events)
 
     def _checked(self, setpoint: SetPoint, now_s: float, events: list[str]) -> SetPoint | None:
         verdict = check_setpoint(setpoint, self._config, self._zones, self.floor_z_m, now_s)
@@ -412,7 +395,6 @@ class Pilot:
         step = self.step_at(self.steps.index)
         goal = odometry.pose.position_m if step is None or step.goal_m is None else step.goal_m
         mode = self.planning_mode or Mode.AIR
-        fresh, self._fresh = self._fresh, False
         start_s = now_s + PLAN_LEAD_S
         return PlanRequest(
             sequence=sequence,
@@ -420,7 +402,7 @@ class Pilot:
             frame_pose=frame_pose,
             body_pose=odometry.pose,
             start_s=start_s,
-            motion=self._motion_at(start_s, odometry, now_s),
+            motion=self._course.motion_at(start_s, self.planning_mode, odometry, now_s),
             mode=mode,
             goal_m=goal,
             goal_in_air=step is not None and step.in_air,
@@ -428,7 +410,7 @@ class Pilot:
             lift_to_m=self.lift_to_m(step),
             land_speed_mps=self._config.land.speed_mps,
             air_speed_mps=self._config.air.speed_mps,
-            fresh=fresh,
+            fresh=self._course.wants_fresh(),
         )
 
     def accept(self, result: PlanResult) -> None:
@@ -437,37 +419,7 @@ class Pilot:
         plan = result.trajectory
         if plan is None or plan.mode is not self.planning_mode:
             return
-        self._trajectory = plan
-        self._frame_stamp_s = result.frame_stamp_s
-        if plan.mode is Mode.AIR:
-            self._hold = None
-
-    def _motion_at(self, start_s: float, odometry: Odometry, now_s: float) -> Motion:
-        """Where the robot will be: on its trajectory while it tracks it, else where it is."""
-        plan = self._trajectory if self._trajectory is not None else None
-        position, yaw = odometry.pose.position_m, yaw_of(odometry.pose.quaternion)
-        if plan is not None and plan.mode is self.planning_mode:
-            now = plan.sample(now_s)
-            axes = 2 if plan.mode is Mode.LAND else 3
-            if float(np.linalg.norm(now.position_m[:axes] - position[:axes])) < FRESH_ERROR_M:
-                then = plan.sample(start_s)
-                there = then.position_m.copy()
-                if plan.mode is Mode.LAND:
-                    there[2] = position[2]
-                return Motion(
-                    there,
-                    then.velocity_mps,
-                    then.acceleration_mps2,
-                    then.yaw_rad,
-                    then.yaw_rate_rps,
-                    then.speed_mps,
-                )
-        if self.planning_mode is Mode.AIR and self._hold is not None:
-            return Motion(self._hold.position_m, np.zeros(3), np.zeros(3), self._hold.yaw_rad, 0.0, 0.0)
-        velocity = odometry.velocity_mps
-        speed = float(velocity[0] * math.cos(yaw) + velocity[1] * math.sin(yaw))
-        rate = float(odometry.angular_velocity_rps[2])
-        return Motion(position, velocity, np.zeros(3), yaw, rate, speed)
+        self._course.take(plan, result.frame_stamp_s)
 
     # ------------------------------------------------------------------ small things
     @property
@@ -490,8 +442,3 @@ class Pilot:
         """The mission is over and the robot stands on its wheels."""
         over = self.steps.status in (Status.DONE, Status.FAILED) or self.failsafe.reaction >= Reaction.LAND
         return over and self.transition.phase is Phase.DRIVING
-
-
-def _rest(position_m: Array, yaw_rad: float, now_s: float) -> SetPoint:
-    zero = np.zeros(3)
-    return SetPoint(now_s, Mode.AIR, position_m.copy(), zero, zero, yaw_rad, 0.0, 0.0)

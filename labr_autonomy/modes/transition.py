@@ -74,6 +74,7 @@ class Inputs:
     v_down_mps: float
     landed: bool  # the autopilot's landed state
     wheel_load: bool  # the land controller's load switches
+    blind: bool = False  # no fresh pose: only the autopilot's own landing can bring it down
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +138,7 @@ def _descending(state: State, i: Inputs, now_s: float) -> tuple[State, Outputs]:
         return _go(Phase.SETTLING, now_s, "touchdown" + hard)
     if i.wants is Mode.AIR and i.offboard and i.height_m > RISE_AGAIN_M:
         return _go(Phase.FLYING, now_s, "descent called off; flying")
-    if i.height_m < LAND_BELOW_M:
+    if i.height_m < LAND_BELOW_M or i.blind:
         return _command(state, Command.LAND, now_s)
     return _stay(state)
 

@@ -132,3 +132,18 @@ def test_neither_landed_state_nor_wheel_load_alone_is_a_touchdown():
             5.0,
         )
         assert state.phase is Phase.DESCENDING
+
+
+def test_without_a_pose_the_autopilot_lands_from_any_height():
+    high = {
+        "wants": Mode.LAND,
+        "armed": True,
+        "offboard": True,
+        "height_m": 1.5,
+        "landed": False,
+        "wheel_load": False,
+    }
+    _, out = step(State(Phase.DESCENDING, 0.0), inputs(**high), 1.0)
+    assert out.command is None
+    _, out = step(State(Phase.DESCENDING, 0.0), inputs(**high, blind=True), 1.0)
+    assert out.command is Command.LAND

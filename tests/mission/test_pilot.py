@@ -1,0 +1,288 @@
+"""The pilot against an ideal robot: whole missions in simulated time, faults at chosen moments."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.frames import quaternion_from_rpy
+from labr_autonomy.guard.failsafe import Health, Reaction
+from labr_autonomy.guard.fence import Zone
+from labr_autonomy.mission.pilot import Look, Order, Pilot
+from labr_autonomy.mission.steps import Kind, Policy, Status, Step
+from labr_autonomy.modes.transition import Command, Phase
+from labr_autonomy.planner.messages import PlanResult, Timings
+from labr_autonomy.types import KeyPoints, Mode, Odometry, Pose, Source, Trajectory
+
+TICK_S = 0.02
+CONFIG = RobotConfig()
+FLOOR_GOAL = Step(Kind.GOTO, "floor", np.array([2.0, 0.0, 0.0]))
+AIR_GOAL = Step(Kind.GOTO, "air", np.array([3.0, 1.0, 1.5]), in_air=True)
+HOME = Step(Kind.GOTO, "home", np.array([0.0, 0.0, 0.0]))
+
+
+class Robot:
+    """Does at once what it is told, except that arming shows a second later."""
+
+    def __init__(self, *mission, zones=(), duration_s=math.inf):
+        self.pilot = Pilot(CONFIG, mission, zones, duration_s)
+        self.now_s = 100.0
+        self.position = np.array([0.0, 0.0, CONFIG.body.below_m])
+        self.velocity = np.zeros(3)
+        self.yaw = 0.0
+        self.armed = False
+        self.mode = "hold"
+        self.pending = []  # (due, what)
+        self.refuse_arming = False
+        self.plans = True
+        self.landing_clear = self.take_off_clear = True
+        self.health = {}
+        self.order = Order.FLY
+        self.actions = None
+        self.events = []
+        self.phases = []
+
+    @property
+    def height(self):
+        return self.position[2] - CONFIG.body.below_m
+
+    def look(self):
+        pose = Pose(self.position.copy(), quaternion_from_rpy(0, 0, self.yaw))
+        odometry = Odometry(self.now_s, pose, self.velocity, np.zeros(3), np.eye(6) * 1e-4)
+        health = Health(self.pilot.mode, 0.05, 0.05, 0.02, 0.5, 0.1, 0, False, "", 0.9, 0.15)
+        low = self.height < 0.01
+        speed = float(np.hypot(*self.velocity[:2])) if low else 0.0
+        return Look(
+            odometry, speed, 0.0, low, self.armed, self.mode, low, replace(health, **self.health), self.order
+        )
+
+    def step(self):
+        self.now_s += TICK_S
+        self.pending, due = (
+            [p for p in self.pending if p[0] > self.now_s],
+            [p for p in self.pending if p[0] <= self.now_s],
+        )
+        for _, what in due:
+            self._obey(what)
+        a = self.actions = self.pilot.tick(self.look(), self.now_s)
+        self.events += a.events
+        if not self.phases or self.phases[-1] is not a.phase:
+            self.phases.append(a.phase)
+        assert not (a.engaged and a.air is not None), "wheels and rotors commanded together"
+        assert not (a.engaged and a.air_lock)
+        if a.command is not None:
+            self.pending.append((self.now_s + 1.0, a.command))
+        self._move(a)
+        if self.plans and self.pilot.planning_mode is not None and round(self.now_s / TICK_S) % 5 == 0:
+            self._plan()
+        return a
+
+    def _obey(self, command):
+        match command:
+            case Command.OFFBOARD:
+                self.mode = "offboard"
+            case Command.ARM if not self.refuse_arming:
+                self.armed = True
+            case Command.LAND:
+                self.mode = "land"
+            case Command.DISARM:
+                assert self.height < 0.01, "disarmed in the air"
+                self.armed = False
+
+    def _move(self, a):
+        before = self.position.copy()
+        if a.engaged:
+            self.yaw += a.yaw_rate_rps * TICK_S
+            self.position[:2] += a.speed_mps * TICK_S * np.array([math.cos(self.yaw), math.sin(self.yaw)])
+        elif self.armed and self.mode == "land":
+            self.position[2] -= 0.4 * TICK_S
+        elif self.armed and a.air is not None and self.mode == "offboard":
+            self.position += np.clip(a.air.position_m - self.position, -0.05, 0.05)
+            self.yaw = a.air.yaw_rad
+        self.position[2] = max(self.position[2], CONFIG.body.below_m)
+        self.velocity = (self.position - before) / TICK_S
+
+    def _plan(self):
+        pose = Pose(self.position.copy(), quaternion_from_rpy(0, 0, self.yaw))
+        odometry = Odometry(self.now_s, pose, self.velocity, np.zeros(3), np.eye(6) * 1e-4)
+        request = self.pilot.request(1, 1, pose, odometry, self.now_s)
+        start, goal = request.motion.position_m, np.array(request.goal_m, float)
+        goal[2] = start[2] if request.mode is Mode.LAND or not request.goal_in_air else goal[2]
+        way = float(np.linalg.norm(goal - start))
+        speed = min(0.6, way) if way > 0.05 else 0.0
+        duration = way / speed if speed else 0.1
+        k = max(2, int(duration / 0.1) + 1)
+        line = start + (goal - start) * np.linspace(0, 1, k)[:, None]
+        velocity = np.tile((goal - start) / duration if speed else np.zeros(3), (k, 1))
+        yaw = math.atan2(goal[1] - start[1], goal[0] - start[0]) if way > 0.05 else self.yaw
+        plan = Trajectory(
+            request.mode,
+            request.start_s,
+            0.1,
+            line,
+            velocity,
+            np.zeros((k, 3)),
+            np.full(k, yaw),
+            np.zeros(k),
+            np.full(k, speed),
+        )
+        flat = float(np.hypot(*(goal[:2] - start[:2])))
+        lift = max(flat - 0.3, 0.0) if request.goal_in_air else math.inf
+        points = KeyPoints(line[-1:], np.array([request.goal_in_air]), 0.1, Source.GKPN)
+        self.pilot.accept(
+            PlanResult(
+                1, self.now_s - 0.05, plan, points, points, Source.GKPN, 1.0, "", lift, False,
+                self.take_off_clear, self.landing_clear, Timings(),
+            )
+        )  # fmt: skip
+
+    def run(self, seconds, until=lambda r: False):
+        for _ in range(round(seconds / TICK_S)):
+            self.step()
+            if self.actions.finished or until(self):
+                return self
+        return self
+
+
+def test_a_mission_drives_flies_lands_and_drives_home():
+    robot = Robot(FLOOR_GOAL, AIR_GOAL, HOME).run(90)
+    assert robot.pilot.steps.status is Status.DONE
+    assert robot.actions.finished
+    assert not robot.pilot.failure
+    assert robot.phases == [
+        Phase.DRIVING, Phase.STOPPING, Phase.ARMING, Phase.LIFTING, Phase.FLYING,
+        Phase.DESCENDING, Phase.SETTLING, Phase.DISARMING, Phase.DRIVING,
+    ]  # fmt: skip
+    assert np.hypot(*robot.position[:2]) < 0.3
+
+
+def test_it_does_not_come_down_where_there_is_no_room():
+    robot = Robot(AIR_GOAL, HOME)
+    robot.landing_clear = False
+    robot.run(40, until=lambda r: r.pilot.steps.index == 1)
+    robot.run(4)
+    assert robot.actions.phase is Phase.FLYING
+    robot.landing_clear = True
+    robot.run(60)
+    assert robot.pilot.steps.status is Status.DONE
+
+
+def test_an_air_policy_flies_to_a_goal_on_the_floor_and_stays_down():
+    robot = Robot(Step(Kind.GOTO, "hop", np.array([2.0, 0.0, 0.0]), policy=Policy.AIR)).run(90)
+    assert robot.pilot.steps.status is Status.DONE
+    assert robot.phases.count(Phase.FLYING) == 1
+
+
+def test_a_ground_policy_never_takes_off():
+    robot = Robot(replace(AIR_GOAL, policy=Policy.GROUND, timeout_s=10.0)).run(30)
+    assert robot.phases == [Phase.DRIVING]
+    assert robot.pilot.steps.status is Status.FAILED
+
+
+def test_arming_refused_three_times_fails_the_mission():
+    robot = Robot(AIR_GOAL)
+    robot.refuse_arming = True
+    robot.run(120)
+    assert robot.actions.finished
+    assert "did not arm" in robot.pilot.failure
+
+
+@pytest.mark.parametrize(
+    "fault", [{"vio_age_s": 0.5}, {"depth_age_s": 1.0}, {"plan_age_s": 3.0}, {"estop": True}]
+)
+def test_a_link_fault_stops_the_wheels_and_they_go_on_when_it_clears(fault):
+    robot = Robot(FLOOR_GOAL).run(2.0)
+    assert robot.actions.speed_mps > 0.2
+    robot.health = fault
+    robot.step()
+    assert not robot.actions.engaged
+    assert robot.actions.reaction is Reaction.HOLD
+    robot.health = {}
+    robot.run(30)
+    assert robot.pilot.steps.status is Status.DONE
+
+
+def airborne(robot):
+    return robot.run(60, until=lambda r: r.actions.phase is Phase.FLYING).run(0.5)
+
+
+def test_a_link_fault_in_the_air_holds_the_place():
+    robot = airborne(Robot(AIR_GOAL, Step(Kind.GOTO, "on", np.array([9.0, 1.0, 1.5]), in_air=True)))
+    robot.run(30, until=lambda r: r.pilot.steps.index == 1).run(2.0)
+    robot.health = {"depth_age_s": 1.0}
+    robot.step()
+    place = robot.actions.air.position_m.copy()
+    robot.run(3.0)
+    assert np.allclose(robot.actions.air.position_m, place)
+    assert not robot.actions.air.velocity_mps.any()
+
+
+def test_a_lost_pose_in_the_air_brings_it_down_by_the_autopilot_and_ends_the_mission():
+    robot = airborne(Robot(AIR_GOAL, HOME))
+    robot.health = {"vio_age_s": 4.0}
+    commands = []
+    robot.run(40, until=lambda r: commands.append(r.actions.command) or False)
+    assert Command.LAND in commands
+    assert robot.actions.finished
+    assert robot.height < 0.01
+    assert "VIO" in robot.pilot.failsafe.sentence
+
+
+def test_whoever_takes_over_gets_the_robot_and_nothing_more_is_sent():
+    robot = airborne(Robot(AIR_GOAL, HOME))
+    robot.mode = "position"
+    robot.health = {"taken_over": "position"}
+    for _ in range(200):
+        robot.step()
+        assert robot.actions.air is None
+        assert robot.actions.command is None
+
+
+def test_a_mode_change_counts_as_taken_over_only_when_it_lasts():
+    robot = airborne(Robot(AIR_GOAL, HOME))
+    assert robot.pilot.taken_over("position", 0.0) == ""
+    assert robot.pilot.taken_over("offboard", 1.0) == ""
+    assert robot.pilot.taken_over("position", 2.0) == ""
+    assert robot.pilot.taken_over("position", 4.0) == "position"
+
+
+def test_the_operator_holds_and_then_brings_it_down():
+    robot = airborne(Robot(AIR_GOAL, HOME))
+    robot.order = Order.HOLD
+    robot.run(2.0)
+    assert robot.actions.phase is Phase.FLYING
+    robot.order = Order.LAND
+    robot.run(20, until=lambda r: r.actions.phase is Phase.DRIVING)
+    assert robot.actions.phase is Phase.DRIVING
+    assert not robot.actions.engaged
+
+
+def test_outside_the_fence_nothing_is_commanded():
+    fence = Zone(((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)), keep_in=True)
+    robot = Robot(FLOOR_GOAL, zones=[fence]).run(10.0)
+    assert robot.position[0] < 1.05
+    assert any("outside the fence" in event for event in robot.events)
+
+
+def test_a_mission_that_takes_too_long_fails():
+    robot = Robot(Step(Kind.WAIT, "w", wait_s=60.0), duration_s=5.0).run(10.0)
+    assert robot.actions.finished
+    assert "longer than 5 s" in robot.pilot.failure
+
+
+def test_far_off_the_trajectory_it_stops_and_plans_anew():
+    robot = Robot(FLOOR_GOAL).run(2.0)
+    robot.plans = False
+    robot.position[1] += 1.0
+    robot.step()
+    assert robot.actions.speed_mps == 0.0
+    assert any("off the trajectory" in event for event in robot.events)
+
+
+def test_without_a_pose_nothing_moves():
+    robot = Robot(FLOOR_GOAL)
+    actions = robot.pilot.tick(replace(robot.look(), odometry=None), robot.now_s)
+    assert not actions.engaged
+    assert actions.air is None
