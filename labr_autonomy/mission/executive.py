@@ -98,7 +98,7 @@ def fly(
                 simulated = load_robot(simulator.robot_path)
                 summary = _guarded(mission, simulated, run_dir, used_seed, line, simulator.clearance_at)
             summary = summarise.with_truth(summary, run_dir)
-        summary = summarise.missed_expectations(summary, mission)
+        summary = summarise.missed_expectations(summary, mission, judged=robot_path is None)
         write_summary(summary, run_dir)
         report = write_report(run_dir)
         line.say(f"{summary.outcome}: {summary.reason}")
@@ -127,23 +127,16 @@ def _guarded(
     except LabrError as error:
         write_summary(summarise.refused(mission.name, error.what, seed), run_dir)
         raise
-    except BaseExceptionGroup as group:  # a task of the flight failed: its own sentence counts
-        first = _first_labr_error(group)
-        if first is None:
-            raise
-        write_summary(summarise.refused(mission.name, first.what, seed), run_dir)
-        raise first from group
 
 
-def _first_labr_error(group: BaseExceptionGroup[BaseException]) -> LabrError | None:
+def _first_reason(group: BaseExceptionGroup[BaseException]) -> str:
+    """What the first of our own errors in a group says."""
     for error in group.exceptions:
-        if isinstance(error, LabrError):
-            return error
         if isinstance(error, BaseExceptionGroup):
-            nested = _first_labr_error(error)
-            if nested is not None:
-                return nested
-    return None
+            return _first_reason(error)
+        if isinstance(error, LabrError):
+            return error.what
+    return str(group)
 
 
 async def _flight(
@@ -168,7 +161,10 @@ async def _flight(
             floor_z_m = float(here[2]) - robot.body.below_m
             pilot.load(compile_steps(mission, home, floor_z_m), compile_fences(mission, robot, floor_z_m))
             with _signals(flight):
-                await flight.run()
+                try:
+                    await flight.run()
+                except* LabrError as group:
+                    pilot.fail(_first_reason(group))
         finally:
             await flight.close()
         ended = _ended(flight, pilot)

@@ -7,9 +7,6 @@ import gc
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-
-import numpy as np
 
 from labr_autonomy.air.channel import AirChannel
 from labr_autonomy.clock import Clock, Ticker, utc_s
@@ -21,9 +18,8 @@ from labr_autonomy.estimation.vio_link import VioLink, udp_address
 from labr_autonomy.estimation.vio_message import VioSample
 from labr_autonomy.ground.channel import GroundChannel
 from labr_autonomy.guard.failsafe import Health, Reaction
-from labr_autonomy.mission.meter import Meter
+from labr_autonomy.mission.logbook import Logbook
 from labr_autonomy.mission.pilot import Actions, Look, Order, Pilot
-from labr_autonomy.mission.steps import Step
 from labr_autonomy.modes.transition import Command
 from labr_autonomy.perception.frame_slot import FrameReader
 from labr_autonomy.planner.messages import PlanResult
@@ -41,36 +37,6 @@ FRESH_POSE_S = 0.15
 END_LATE_S = 90.0  # an aborted flight must be down by then
 
 log = logging.getLogger("labr.flight")
-
-
-@dataclass
-class LegRecord:
-    """How one step went."""
-
-    index: int
-    step: Step
-    start_s: float
-    end_s: float
-    outcome: str
-    land_m: float
-    air_m: float
-    energy_j: float
-    position_m: np.ndarray  # estimate at its end
-
-
-@dataclass
-class Record:
-    """Figures collected in flight."""
-
-    meter: Meter = field(default_factory=Meter)
-    tick_late_s: list[float] = field(default_factory=list)
-    plan_cycle_s: list[float] = field(default_factory=list)
-    setpoint_age_s: list[float] = field(default_factory=list)
-    legs: list[LegRecord] = field(default_factory=list)
-    map_xy_m: np.ndarray | None = None
-    ticks_missed: int = 0
-    started_s: float = 0.0
-    ended_s: float = 0.0
 
 
 class Flight:
@@ -114,13 +80,11 @@ class Flight:
         self._plan_sequence = 0
         self._planned_s = -math.inf
         self._result_s = -math.inf
-        self._used_frame_s: float | None = None
         self._note = ""
         self._logged_frame_s = -math.inf
         self._actions: Actions | None = None
         self._done = asyncio.Event()
-        self._leg_from: tuple[float, float, float, float] | None = None
-        self.record = Record()
+        self.record = Logbook()
         self.planner_versions: dict[str, str] = {}
 
     # ------------------------------------------------------------------ opening and closing
@@ -289,9 +253,6 @@ class Flight:
             if self._commands.full():  # the newest command counts
                 self._commands.get_nowait()
             self._commands.put_nowait(actions.command)
-        if actions.plan_used_s is not None and actions.plan_used_s != self._used_frame_s:
-            self._used_frame_s = actions.plan_used_s
-            self.record.setpoint_age_s.append(self._clock.now_s() - actions.plan_used_s)
         for sentence in actions.events:
             self._say(sentence)
         if actions.reference is not None:
@@ -308,43 +269,10 @@ class Flight:
 
     def _account(self, actions: Actions, now_s: float, dt_s: float) -> None:
         estimate = self._filter.predicted(now_s)
-        if estimate is None:
-            return
-        ground = self._ground.state
-        speed = float(np.linalg.norm(estimate.velocity_mps))
-        meter = self.record.meter
-        meter.add(actions.phase, estimate.pose.position_m, speed, ground.battery_v * ground.current_a, dt_s)
-        if self._leg_from is None:
-            self._leg_from = (now_s, meter.land_m, meter.air_m, meter.energy_j)
-        if actions.reached is not None or (self._pilot.failure and not self._leg_failed()):
-            self._end_leg(actions, now_s, estimate)
-
-    def _leg_failed(self) -> bool:
-        return bool(self.record.legs) and self.record.legs[-1].outcome == "failed"
-
-    def _end_leg(self, actions: Actions, now_s: float, estimate: Odometry) -> None:
-        assert self._leg_from is not None
-        started_s, land_m, air_m, energy_j = self._leg_from
-        meter = self.record.meter
-        index = len(self.record.legs)
-        step = actions.reached or actions.step or self._pilot.step_at(index)
-        if step is None:
-            return
-        outcome = "done" if actions.reached is not None else "failed"
-        self.record.legs.append(
-            LegRecord(
-                index,
-                step,
-                started_s,
-                now_s,
-                outcome,
-                meter.land_m - land_m,
-                meter.air_m - air_m,
-                meter.energy_j - energy_j,
-                estimate.pose.position_m.copy(),
-            )
-        )
-        self._leg_from = (now_s, meter.land_m, meter.air_m, meter.energy_j)
+        if estimate is not None:
+            ground = self._ground.state
+            power_w = ground.battery_v * ground.current_a
+            self.record.tick(self._pilot, actions, estimate, power_w, now_s, dt_s)
 
     async def _vision_loop(self) -> None:
         ticker = Ticker(self._clock, VISION_PERIOD_S)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labr_autonomy.mission.flight import LegRecord, Record
+from labr_autonomy.mission.logbook import LegRecord, Logbook
 from labr_autonomy.mission.schema import Mission
 from labr_autonomy.mission.steps import Kind, goal_distance_m
 from labr_autonomy.record.summary import Leg, Outcome, Summary, percentiles, versions
@@ -17,7 +17,7 @@ from labr_autonomy.types import Array
 
 def flown(
     name: str,
-    record: Record,
+    record: Logbook,
     outcome: Outcome,
     reason: str,
     seed: int | None,
@@ -127,15 +127,23 @@ def with_truth(summary: Summary, run_dir: Path) -> Summary:
     )
 
 
-def missed_expectations(summary: Summary, mission: Mission) -> Summary:
-    """The summary with a sentence for every expectation of the mission that it does not meet."""
+def missed_expectations(summary: Summary, mission: Mission, *, judged: bool) -> Summary:
+    """The summary with a sentence for every expectation of the mission that it does not meet.
+
+    Args:
+        summary: How it went.
+        mission: With its `expect` block.
+        judged: The truth should be known (a simulated run); without it, contacts cannot be counted.
+    """
     expect = mission.expect
     if expect is None:
         return summary
     missed = []
     if summary.outcome != expect.outcome:
         missed.append(f"outcome {summary.outcome}, expected {expect.outcome}")
-    if expect.contacts is not None and summary.contacts is not None and summary.contacts > expect.contacts:
+    if expect.contacts is not None and summary.contacts is None and judged:
+        missed.append("nobody counted contacts")
+    elif expect.contacts is not None and (summary.contacts or 0) > expect.contacts:
         missed.append(f"{summary.contacts} contacts, expected at most {expect.contacts}")
     if expect.min_land_m is not None and summary.land_m < expect.min_land_m:
         missed.append(f"{summary.land_m:.1f} m on land, expected at least {expect.min_land_m:g} m")

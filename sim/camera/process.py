@@ -9,10 +9,8 @@ The spec is one JSON object: {"world": World.spec, "camera": config.Camera, "pos
 
 from __future__ import annotations
 
-import ctypes
 import json
 import logging
-import os
 import signal
 import sys
 from collections import deque
@@ -27,6 +25,7 @@ from labr_autonomy.config import Camera
 from labr_autonomy.errors import BadInput, LabrError
 from labr_autonomy.frames import rotation_matrix
 from labr_autonomy.perception.frame_slot import FrameWriter
+from labr_autonomy.processes import die_with_parent
 from labr_autonomy.types import Array, Image, Pose
 from sim.camera.noise import D435i, flawed_depth
 from sim.camera.renderer import Renderer, make_renderer
@@ -35,7 +34,6 @@ from sim.worlds.build import rebuild_world
 
 log = logging.getLogger("labr.sim.camera")
 
-_PR_SET_PDEATHSIG = 1  # prctl(2)
 _REPORT_S = 10.0
 _POSE_WAIT_S = 30.0
 
@@ -116,23 +114,10 @@ class _Stop:
         self.asked = True
 
 
-def die_with_parent(parent_pid: int | None) -> None:
-    """Let the kernel kill this process when the thread that started it ends (prctl(2)); Linux only.
-
-    Args:
-        parent_pid: The starter's process id, to notice that it died before this call; None: no parent.
-    """
-    if parent_pid is None or not sys.platform.startswith("linux"):
-        return
-    if ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL) != 0:
-        log.warning("prctl failed: errno %d", ctypes.get_errno())
-    if os.getppid() != parent_pid:
-        raise SystemExit(0)
-
-
 def run(spec: CameraSpec) -> None:
     """Take pictures until SIGTERM; the body of the camera process."""
-    die_with_parent(spec.parent_pid)
+    if spec.parent_pid is not None:
+        die_with_parent(parent_pid=spec.parent_pid)
     stop = _Stop()
     signal.signal(signal.SIGTERM, stop)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the executive's; the simulator core ends us
