@@ -121,7 +121,7 @@ def _summarise(r: dict[str, np.ndarray]) -> Figures:
         "goal_error_land_median_m": round(float(np.median(r["error"][~air])), 4),
         "goal_error_air_median_m": round(float(np.median(r["error"][air])), 4),
         "fear_auc": auc(r["mu"], r["hit"]),
-        "accepted_mu_below_half": mean("reached", trusted) and round(float(trusted.mean()), 4),
+        "accepted_mu_below_half": round(float(trusted.mean()), 4),
         "collision_free_accepted": mean("free", trusted),
         "land_goals_flown_to": mean("lifted", ~air & ~flying),
         "far_air_goals_lifted": mean("lifted", far),
