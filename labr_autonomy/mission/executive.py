@@ -23,7 +23,7 @@ from labr_autonomy.errors import ExitCode, LabrError
 from labr_autonomy.ground.channel import GroundChannel
 from labr_autonomy.guard.failsafe import Reaction
 from labr_autonomy.mission import summarise
-from labr_autonomy.mission.check import ClearanceAt, check_mission, height_max_m, refuse
+from labr_autonomy.mission.check import check_mission, height_max_m, refuse
 from labr_autonomy.mission.compile import compile_fences, compile_steps
 from labr_autonomy.mission.flight import Flight
 from labr_autonomy.mission.load import load_mission, load_robot
@@ -82,22 +82,21 @@ def fly(
     """
     mission = load_mission(mission_path)
     robot = load_robot(robot_path) if robot_path is not None else RobotConfig()
-    if robot_path is not None or mission.sim is None:
-        refuse(check_mission(mission, robot))
     run_dir = make_run_folder(mission.name, out_dir)
     shutil.copyfile(mission_path, run_dir / "mission.yaml")
     _log_to(run_dir / "executive.log")
     used_seed = seed if seed is not None else (mission.sim.seed if mission.sim else None)
     with LiveLine(quiet=quiet) as line:
         line.say(f"run folder {run_dir}")
-        if robot_path is not None:
-            summary = _guarded(mission, robot, run_dir, None, line, None)
-        else:
-            line.say("simulator: building the world and starting the camera")
-            with SimulatorProcess(mission, robot, used_seed or 0, worlds_dir, run_dir) as simulator:
-                simulated = load_robot(simulator.robot_path)
-                summary = _guarded(mission, simulated, run_dir, used_seed, line, simulator.clearance_at)
-            summary = summarise.with_truth(summary, run_dir)
+        try:
+            refuse(check_mission(mission, robot))
+            if robot_path is not None:
+                summary = asyncio.run(_flight(mission, robot, run_dir, None, line))
+            else:
+                summary = _simulated(mission, robot, run_dir, used_seed or 0, worlds_dir, line)
+        except LabrError as error:  # nothing has moved
+            write_summary(summarise.refused(mission.name, error.what, used_seed), run_dir)
+            raise
         summary = summarise.missed_expectations(summary, mission, judged=robot_path is None)
         write_summary(summary, run_dir)
         report = write_report(run_dir)
@@ -112,21 +111,15 @@ def fly(
     return int(EXIT_CODES[summary.outcome])
 
 
-def _guarded(
-    mission: Mission,
-    robot: RobotConfig,
-    run_dir: Path,
-    seed: int | None,
-    line: LiveLine,
-    clearance_at: ClearanceAt | None,
+def _simulated(
+    mission: Mission, robot: RobotConfig, run_dir: Path, seed: int, worlds_dir: Path | None, line: LiveLine
 ) -> Summary:
-    """Check feasibility, then fly; a refusal leaves its summary behind before it is raised."""
-    try:
-        refuse(check_mission(mission, robot, clearance_at=clearance_at))
-        return asyncio.run(_flight(mission, robot, run_dir, seed, line))
-    except LabrError as error:
-        write_summary(summarise.refused(mission.name, error.what, seed), run_dir)
-        raise
+    """Fly in a simulator of its own, judged by its referee."""
+    line.say("simulator: building the world and starting the camera")
+    with SimulatorProcess(mission, robot, seed, worlds_dir, run_dir) as simulator:
+        refuse(check_mission(mission, robot, clearance_at=simulator.clearance_at))
+        flown = asyncio.run(_flight(mission, load_robot(simulator.robot_path), run_dir, seed, line))
+    return summarise.with_truth(flown, run_dir)
 
 
 def _first_reason(group: BaseExceptionGroup[BaseException]) -> str:

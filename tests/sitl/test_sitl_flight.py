@@ -4,7 +4,9 @@ import contextlib
 import json
 import subprocess
 
+import numpy as np
 import pytest
+import trimesh
 from sitl_rig import alive, family, leftovers, start_flight, write_mission
 
 from labr_autonomy.record.mcap_log import read_log
@@ -50,17 +52,18 @@ def test_it_drives_takes_off_lands_and_drives_home_and_leaves_nothing_behind(tmp
 
 
 def test_a_goal_inside_an_obstacle_is_refused_before_anything_moves(tmp_path):
+    floor = trimesh.creation.box((14.0, 10.0, 0.1)).apply_translation((0, 0, -0.05))
+    crate = trimesh.creation.box((1.0, 1.0, 1.0)).apply_translation((0.5, 1.0, 0.5))
+    world = trimesh.util.concatenate([floor, crate])
+    np.savez(tmp_path / "crate.npz", V=world.vertices.astype(np.float32), F=world.faces.astype(np.int32))
     mission = write_mission(tmp_path, "goto: {x: 0.5, y: 1.0}")
-    wall = mission.read_text().replace("goto: {x: 0.5, y: 1.0}", "goto: {x: 6.95, y: 0.0}")
-    mission.write_text(
-        wall.replace("[-7, -5], [7, -5], [7, 5], [-7, 5]", "[-9, -9], [9, -9], [9, 9], [-9, 9]")
-    )
-    process = start_flight(mission, tmp_path)
+    mission.write_text(mission.read_text().replace("{family: hall, size_m: [14, 10]}", "{mesh: crate.npz}"))
+    process = start_flight(mission, tmp_path, "--worlds", str(tmp_path))
     assert process.wait(timeout=120) == 3
     run = next(p for p in tmp_path.iterdir() if p.is_dir())
     summary = read_summary(run)
     assert summary["outcome"] == "refused"
-    assert "obstacle" in summary["reason"]
+    assert "inside an obstacle" in summary["reason"]
     assert summary["land_m"] == 0.0
     assert "Traceback" not in (tmp_path / "fly.log").read_text()
 
