@@ -1,0 +1,137 @@
+"""Depth image in, trajectory out: the whole planner in closed loop with an ideal robot, no processes."""
+
+import math
+
+import numpy as np
+import pytest
+
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.frames import quaternion_from_rpy
+from labr_autonomy.planner.messages import Motion, PlanRequest
+from labr_autonomy.planner.pipeline import Pipeline
+from labr_autonomy.types import DepthFrame, Mode, Pose, Source
+from sim.camera.process import Eye
+from sim.camera.renderer import make_renderer
+from sim.worlds.generate import generate
+from sim.worlds.surface import Surface
+
+CONFIG = RobotConfig()
+START, LAND_GOAL, AIR_GOAL = (-4.0, 0.0, 0.12), (1.5, 1.5, 0.12), (1.0, -1.0, 1.4)
+PERIOD_S = 0.1
+
+
+@pytest.fixture(scope="module")
+def world():
+    return generate("hall", 5, (12.0, 9.0), np.array([START, LAND_GOAL, AIR_GOAL]))
+
+
+@pytest.fixture(scope="module")
+def eye(world):
+    renderer = make_renderer(world, CONFIG.camera.intrinsics, CONFIG.camera.range_max_m, kind="rays")
+    return Eye(renderer, CONFIG.camera, seed=1)
+
+
+@pytest.fixture
+def pipeline():
+    return Pipeline(CONFIG)
+
+
+class Ideal:
+    """A robot that is where its trajectory says."""
+
+    def __init__(self, position, yaw=0.0):
+        self.position = np.array(position, float)
+        self.velocity = np.zeros(3)
+        self.acceleration = np.zeros(3)
+        self.yaw, self.yaw_rate, self.speed = yaw, 0.0, 0.0
+
+    @property
+    def pose(self):
+        return Pose(self.position.copy(), quaternion_from_rpy(0.0, 0.0, self.yaw))
+
+    def request(self, k, now_s, mode, goal, in_air):
+        motion = Motion(
+            self.position.copy(), self.velocity, self.acceleration, self.yaw, self.yaw_rate, self.speed
+        )
+        return PlanRequest(
+            k, k, self.pose, self.pose, now_s, motion, mode, np.array(goal, float), in_air, 0.0, 1.4,
+            CONFIG.land.speed_mps, CONFIG.air.speed_mps,
+        )  # fmt: skip
+
+    def follow(self, trajectory, now_s):
+        s = trajectory.sample(now_s)
+        z = self.position[2] if trajectory.mode is Mode.LAND else s.position_m[2]
+        self.position = np.array([s.position_m[0], s.position_m[1], z])
+        self.velocity, self.acceleration = s.velocity_mps, s.acceleration_mps2
+        self.yaw, self.yaw_rate, self.speed = s.yaw_rad, s.yaw_rate_rps, s.speed_mps
+
+
+def fly(pipeline, eye, robot, mode, goal, in_air, seconds, arrived, watch):
+    results = []
+    for k in range(1, int(seconds / PERIOD_S)):
+        now_s = k * PERIOD_S
+        frame = DepthFrame(k, now_s, eye.look(robot.pose), CONFIG.camera.intrinsics)
+        result = pipeline.cycle(robot.request(k, now_s, mode, goal, in_air), frame)
+        results.append(result)
+        robot.follow(result.trajectory, now_s + PERIOD_S)
+        watch(robot)
+        if arrived(robot):
+            return results
+    raise AssertionError(f"not there after {seconds} s: {robot.position}, {results[-1].reason}")
+
+
+@pytest.mark.slow
+def test_it_drives_to_a_goal_without_touching_anything(world, eye, pipeline):
+    surface, robot = Surface(world), Ideal(START)
+    clearances = []
+    results = fly(
+        pipeline, eye, robot, Mode.LAND, LAND_GOAL, False, 25.0,
+        lambda r: math.dist(r.position[:2], LAND_GOAL[:2]) < 0.15 and abs(r.speed) < 0.1,
+        lambda r: clearances.append(surface.clearance(r.position, on_floor=True)),
+    )  # fmt: skip
+    assert min(clearances) > 0.0
+    assert {r.source for r in results} & {Source.GKPN, Source.SEARCH}
+    assert all(abs(r.trajectory.speed_mps).max() <= CONFIG.land.speed_mps + 1e-6 for r in results)
+
+
+@pytest.mark.slow
+def test_on_land_an_air_goal_is_approached_and_the_lift_off_comes_near(world, eye, pipeline):
+    robot = Ideal(START)
+    results = fly(
+        pipeline, eye, robot, Mode.LAND, AIR_GOAL, True, 25.0,
+        lambda r: math.dist(r.position[:2], AIR_GOAL[:2]) < 0.9, lambda r: None,
+    )  # fmt: skip
+    assert results[0].lift_off_m > 1.5
+    assert results[-1].lift_off_m < 1.5
+    assert results[-1].take_off_clear
+
+
+@pytest.mark.slow
+def test_in_the_air_it_flies_to_the_goal(world, eye, pipeline):
+    surface, robot = Surface(world), Ideal((-4.0, 0.0, 1.4))
+    clearances = []
+    fly(
+        pipeline, eye, robot, Mode.AIR, AIR_GOAL, True, 25.0,
+        lambda r: math.dist(r.position, AIR_GOAL) < 0.1,
+        lambda r: clearances.append(surface.clearance(r.position)),
+    )  # fmt: skip
+    assert min(clearances) > 0.0
+
+
+@pytest.mark.slow
+def test_a_path_with_mu_of_one_half_is_not_used(eye, pipeline, monkeypatch):
+    robot = Ideal(START)
+    frame = DepthFrame(1, 0.0, eye.look(robot.pose), CONFIG.camera.intrinsics)
+    points = np.linspace([0.4, 0.0, 0.0], [2.0, 0.0, 0.0], 5)
+    monkeypatch.setattr(pipeline._network, "predict", lambda *_: (points, 0.5, 0.001))
+    result = pipeline.cycle(robot.request(1, 1.0, Mode.LAND, LAND_GOAL, False), frame)
+    assert result.followed is None or result.followed.source is not Source.GKPN
+    assert "mu 0.50" in result.reason
+
+
+@pytest.mark.slow
+def test_without_a_frame_the_network_is_not_used(pipeline):
+    robot = Ideal(START)
+    result = pipeline.cycle(robot.request(1, 1.0, Mode.LAND, LAND_GOAL, False), None)
+    assert result.network.mu == 1.0
+    assert result.followed is None or result.followed.source is Source.SEARCH
