@@ -75,6 +75,7 @@ class Flight:
         self._filter = PoseFilter()
         self._planner = PlannerLink(config, config.links.depth)
         self._frames: FrameReader | None = None
+        self._vio: VioLink | None = None
         self._commands: asyncio.Queue[Command] = asyncio.Queue(maxsize=1)
         self._order = Order.FLY
         self._plan_sequence = 0
@@ -97,9 +98,8 @@ class Flight:
         self._planner.start()
         host, port = udp_address(self._config.links.vio)
         say(f"poses on {host}:{port}; land controller on {self._config.links.ground}")
-        loop = asyncio.get_running_loop()
         self._vio = VioLink(self._config.links.vio, self._take_vio, self._clock)
-        await loop.create_datagram_endpoint(lambda: self._vio, local_addr=(host, port))
+        await self._vio.open()
         self._frames = await asyncio.to_thread(FrameReader, self._config.links.depth, FIRST_POSE_S)
         self._ground.on_odometry = self._take_wheels
         await self._ground.open(5.0)
@@ -139,7 +139,8 @@ class Flight:
         self._planner.close()
         if self._frames is not None:
             self._frames.close()
-        self._vio.close()
+        if self._vio is not None:
+            self._vio.close()
         await self._ground.close()
         await self._air.close()
 
