@@ -90,16 +90,12 @@ def _read_npz(path: Path) -> tuple[Vertices, Faces]:
 
 def _read_trimesh(path: Path) -> tuple[Vertices, Faces]:
     import trimesh  # takes 0.7 s: only when it is needed
+    from collada.common import DaeError
 
     try:
         mesh = trimesh.load_scene(path, process=False).to_mesh()
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    except ImportError as error:
-        package = "pycollada" if path.suffix.lower() == ".dae" else error.name or "trimesh[easy]"
-        raise BadInput(
-            f"'{path.name}' needs the package {package}", f"Install it: pip install {package}."
-        ) from error
-    except _BROKEN as error:
+    except (*_BROKEN, DaeError) as error:
         raise BadInput(f"'{path.name}' cannot be read: {_short(error)}", "Is the file whole?") from error
     return vertices, faces
 

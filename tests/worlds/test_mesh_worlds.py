@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from labr_autonomy.errors import BadInput
 from sim.worlds.build import build_world, rebuild_world
@@ -43,7 +44,6 @@ def test_the_up_axis_turns_without_mirroring(tmp_path, up):
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".glb", ".obj", ".ply", ".stl", ".off"])
 def test_mesh_formats_give_the_same_triangles(tmp_path, suffix):
-    trimesh = pytest.importorskip("trimesh")
     path = tmp_path / f"room{suffix}"
     scene = trimesh.Scene()
     moved = np.eye(4)
@@ -58,7 +58,6 @@ def test_mesh_formats_give_the_same_triangles(tmp_path, suffix):
 
 @pytest.mark.slow
 def test_gltf_stands_on_y_unless_told(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
     path = tmp_path / "room.glb"
     trimesh.Trimesh(V, F, process=False).export(path)
     assert load_mesh(path).upper_m[2] == 3.0
@@ -82,25 +81,11 @@ COLLADA = """<?xml version="1.0"?>
 
 
 def test_collada_unit_and_up_axis_are_applied(tmp_path):
-    pytest.importorskip("collada", reason="pycollada is not installed")
     path = tmp_path / "house.dae"
     path.write_text(COLLADA)
     world = load_mesh(path)
     assert world.upper_m == pytest.approx([4.0, 0.0, 3.0])
     assert world.lower_m == pytest.approx([0.0, -2.0, 0.0])
-
-
-@pytest.mark.slow
-def test_collada_without_its_reader_names_the_package(tmp_path, monkeypatch):
-    trimesh = pytest.importorskip("trimesh")
-
-    def absent(*_, **__):
-        raise ImportError("no collada")
-
-    monkeypatch.setattr(trimesh, "load_scene", absent)
-    (tmp_path / "house.dae").write_text(COLLADA)
-    with pytest.raises(BadInput, match="pip install pycollada"):
-        load_mesh(tmp_path / "house.dae")
 
 
 def test_what_is_wrong_with_arrays_is_said(tmp_path):
