@@ -5,7 +5,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-# torch comes as a CPU build; see README, "Training"
+# Name a CPU build where the index offers none by itself; see README, "Training"
 TORCH ?= torch==2.13.0
 
 .PHONY: fly house test lint dialect clean

@@ -202,7 +202,8 @@ async def serve(spec: SimSpec, out: Path) -> None:
     """Run the simulator until SIGTERM or SIGINT."""
     simulator = Simulator(spec, out)
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
+    # Beside an executive, Ctrl-C in the terminal is the executive's: it ends us with SIGTERM in its own time.
+    for number in (signal.SIGTERM,) if spec.die_with_parent else (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, simulator.stop.set)
     try:
         await simulator.open()

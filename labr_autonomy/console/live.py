@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType, TracebackType
 from typing import Self, TextIO
@@ -40,6 +40,14 @@ class LiveState:
     note: str = ""  # what the robot last said
 
 
+class _Console(Console):
+    """Does not end the program when its pipe breaks."""
+
+    def on_broken_pipe(self) -> None:
+        """Called by rich where it would raise SystemExit."""
+        raise BrokenPipeError("the terminal is gone")
+
+
 class LiveLine:
     """Shows the flight; use as a context manager.
 
@@ -52,7 +60,7 @@ class LiveLine:
     def __init__(
         self, stream: TextIO | None = None, *, quiet: bool = False, terminal: bool | None = None
     ) -> None:
-        self._console = Console(file=stream or sys.stderr, force_terminal=terminal, highlight=False)
+        self._console = _Console(file=stream or sys.stderr, force_terminal=terminal, highlight=False)
         self._quiet = quiet
         self._live: Live | None = None
         self._last: LiveState | None = None
@@ -86,7 +94,8 @@ class LiveLine:
         if self._live is not None:
             if since_s < LIVE_PERIOD_S:
                 return False
-            self._live.update(render(state), refresh=True)
+            live = self._live
+            self._draw(lambda: live.update(render(state), refresh=True))
         else:
             if not changed and since_s < PLAIN_PERIOD_S:
                 return False
@@ -100,7 +109,14 @@ class LiveLine:
             self._plain(sentence)
 
     def _plain(self, sentence: str) -> None:
-        self._console.print(Text(sentence), soft_wrap=True)
+        self._draw(lambda: self._console.print(Text(sentence), soft_wrap=True))
+
+    def _draw(self, draw: Callable[[], None]) -> None:
+        """Draw; a terminal or pipe that is gone ends the drawing, never the flight."""
+        try:
+            draw()
+        except OSError:
+            self._quiet = True
 
 
 def plain(state: LiveState) -> str:

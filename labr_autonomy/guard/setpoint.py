@@ -21,7 +21,8 @@ class Verdict:
     """The set-point that may leave, or the reason why none may."""
 
     setpoint: SetPoint | None
-    reason: str = ""
+    code: str = ""  # the kind of reason, stable
+    reason: str = ""  # the sentence, with figures
 
 
 def check_setpoint(
@@ -47,18 +48,24 @@ def check_setpoint(
         setpoint.speed_mps,
     )
     if not all(math.isfinite(v) for v in numbers):
-        return Verdict(None, "set-point is not finite")
+        return Verdict(None, "broken", "set-point is not finite")
     age_s = now_s - setpoint.stamp_s
     if age_s > AGE_MAX_S:
-        return Verdict(None, f"set-point is {age_s * 1e3:.0f} ms old (limit {AGE_MAX_S * 1e3:.0f} ms)")
+        return Verdict(
+            None, "stale", f"set-point is {age_s * 1e3:.0f} ms old (limit {AGE_MAX_S * 1e3:.0f} ms)"
+        )
     x, y, z = (float(v) for v in setpoint.position_m)
     room_m = margin_m(fences, x, y, z)
     if room_m < 0.0:
-        return Verdict(None, f"set-point ({x:.2f}, {y:.2f}, {z:.2f}) is {-room_m:.2f} m outside the fence")
+        return Verdict(
+            None, "fence", f"set-point ({x:.2f}, {y:.2f}, {z:.2f}) is {-room_m:.2f} m outside the fence"
+        )
     ceiling_m = floor_z_m + config.air.height_max_m
     if setpoint.mode is Mode.AIR and z > ceiling_m + 0.3:
         return Verdict(
-            None, f"set-point height {z - floor_z_m:.2f} m is above the limit {config.air.height_max_m:.2f} m"
+            None,
+            "height",
+            f"set-point height {z - floor_z_m:.2f} m is above the limit {config.air.height_max_m:.2f} m",
         )
     return Verdict(_limited(setpoint, config))
 

@@ -54,6 +54,8 @@ def compile_fences(mission: Mission, robot: RobotConfig, floor_z_m: float = 0.0)
 
 def _zone(fence: schema.Fence, robot: RobotConfig, floor_z_m: float) -> Zone:
     low, high = fence.z if fence.z is not None else (-np.inf, np.inf)
+    if fence.keep == "in" and low <= 0.0:
+        low = -np.inf  # a band from the floor up: wheels on the floor are inside, whatever the estimate says
     outline = (
         tuple((float(x), float(y)) for x, y in fence.polygon)
         if fence.polygon is not None

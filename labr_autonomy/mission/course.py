@@ -36,9 +36,12 @@ class Course:
 
     def hold_reference(self, now_s: float) -> None:
         """Hold the place that the set-points have come to."""
-        reference = self.air(now_s)
+        self.hold_place(self.air(now_s), now_s)
+
+    def hold_place(self, place: SetPoint, now_s: float) -> None:
+        """Hold the place and heading of a set-point."""
         self.drop()
-        self._hold = _rest(reference.position_m, reference.yaw_rad, now_s)
+        self._hold = _rest(place.position_m, place.yaw_rad, now_s)
 
     def climb(self, to_z_m: float, speed_mps: float, now_s: float) -> None:
         """Go straight up or down from the present set-point."""

@@ -95,13 +95,15 @@ def fly(
             else:
                 summary = _simulated(mission, robot, run_dir, used_seed or 0, worlds_dir, line)
         except LabrError as error:  # nothing has moved
-            write_summary(summarise.refused(mission.name, error.what, used_seed), run_dir)
+            _leave(summarise.unmoved(mission.name, "refused", error.what, used_seed), run_dir, line)
             raise
+        except (KeyboardInterrupt, asyncio.CancelledError):
+            reason = "the operator ended it before anything moved"
+            _leave(summarise.unmoved(mission.name, "aborted", reason, used_seed), run_dir, line)
+            raise KeyboardInterrupt from None
         summary = summarise.missed_expectations(summary, mission, judged=robot_path is None)
-        write_summary(summary, run_dir)
-        report = write_report(run_dir)
         line.say(f"{summary.outcome}: {summary.reason}")
-        line.say(f"report {report}")
+        _leave(summary, run_dir, line)
     if json_output:
         sys.stdout.write(json.dumps(summary.as_dict()) + "\n")
     if summary.outcome == "success" and summary.expect_missed:
@@ -109,6 +111,15 @@ def fly(
             line.say(f"expected otherwise: {sentence}")
         return int(ExitCode.EXPECTATION_MISSED)
     return int(EXIT_CODES[summary.outcome])
+
+
+def _leave(summary: Summary, run_dir: Path, line: LiveLine) -> None:
+    """Write summary and report; a report that cannot be written does not change how the run ended."""
+    write_summary(summary, run_dir)
+    try:
+        line.say(f"report {write_report(run_dir)}")
+    except (LabrError, OSError, ValueError) as error:
+        line.say(f"no report: {error}")
 
 
 def _simulated(
@@ -146,7 +157,12 @@ async def _flight(
         flight_log = FlightLog(run_dir / "flight.mcap", metadata={"mission": mission.name})
         files.callback(flight_log.close)
         pilot = Pilot(robot, duration_s=mission.limits.duration_s)
-        flight = Flight(robot, pilot, clock, air, ground, flight_log, line, len(mission.items))
+        tlogs = {"air.tlog": air_log, "ground.tlog": ground_log}
+        flight = Flight(robot, pilot, clock, air, ground, flight_log, line, len(mission.items), tlogs)
+        loop, whole = asyncio.get_running_loop(), asyncio.current_task()
+        assert whole is not None
+        for number in (signal.SIGTERM, signal.SIGHUP):  # until it moves, ending is all there is to do
+            loop.add_signal_handler(number, whole.cancel)
         try:
             await flight.open(line.say)
             here = flight.odometry().pose.position_m
@@ -198,13 +214,18 @@ def _limited(robot: RobotConfig, mission: Mission) -> RobotConfig:
 @contextlib.contextmanager
 def _signals(flight: Flight) -> Iterator[None]:
     loop = asyncio.get_running_loop()
-    loop.add_signal_handler(signal.SIGINT, flight.interrupt)
-    loop.add_signal_handler(signal.SIGTERM, flight.terminate)
+    handlers = {
+        signal.SIGINT: flight.interrupt,
+        signal.SIGTERM: flight.terminate,
+        signal.SIGHUP: flight.terminate,  # the terminal is gone, and with it the operator
+    }
+    for number, handler in handlers.items():
+        loop.add_signal_handler(number, handler)
     try:
         yield
     finally:
-        loop.remove_signal_handler(signal.SIGINT)
-        loop.remove_signal_handler(signal.SIGTERM)
+        for number in handlers:
+            loop.remove_signal_handler(number)
 
 
 def _log_to(path: Path) -> None:

@@ -6,7 +6,8 @@ import asyncio
 import gc
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 
 from labr_autonomy.air.channel import AirChannel
 from labr_autonomy.clock import Clock, Ticker, utc_s
@@ -17,15 +18,17 @@ from labr_autonomy.estimation.filter import PoseFilter
 from labr_autonomy.estimation.vio_link import VioLink, udp_address
 from labr_autonomy.estimation.vio_message import VioSample
 from labr_autonomy.ground.channel import GroundChannel
-from labr_autonomy.guard.failsafe import Health, Reaction
+from labr_autonomy.guard.failsafe import VIO_LATE_S, Health, Reaction
 from labr_autonomy.mission.logbook import Logbook
 from labr_autonomy.mission.pilot import Actions, Look, Order, Pilot
+from labr_autonomy.mission.steps import Status
 from labr_autonomy.modes.transition import Command
 from labr_autonomy.perception.frame_slot import FrameReader
 from labr_autonomy.planner.messages import PlanResult
 from labr_autonomy.planner.process import PlannerLink
 from labr_autonomy.record.mcap_log import FlightLog
-from labr_autonomy.types import ImuSample, Mode, Odometry, SetPoint, WheelOdometry
+from labr_autonomy.record.tlog import Tlog
+from labr_autonomy.types import ImuSample, Mode, Odometry, WheelOdometry
 
 TICK_S = 0.02  # set-points at 50 Hz
 PLAN_PERIOD_S = 0.1
@@ -34,7 +37,7 @@ LOG_PERIOD_S = 0.1
 FRAME_LOG_PERIOD_S = 0.5
 FIRST_POSE_S = 10.0
 FRESH_POSE_S = 0.15
-END_LATE_S = 90.0  # an aborted flight must be down by then
+END_LATE_S = 90.0  # a flight that is over must be down by then; later there is nothing left to wait for
 
 log = logging.getLogger("labr.flight")
 
@@ -51,6 +54,7 @@ class Flight:
         flight_log: Where everything is written.
         line: Shows the flight.
         legs: Number of steps, for the live line.
+        tlogs: The links' logs by name, watched for a full disk.
     """
 
     def __init__(
@@ -63,6 +67,7 @@ class Flight:
         flight_log: FlightLog,
         line: LiveLine,
         legs: int,
+        tlogs: Mapping[str, Tlog],
     ) -> None:
         self._config = config
         self._pilot = pilot
@@ -72,6 +77,8 @@ class Flight:
         self._log = flight_log
         self._line = line
         self._legs = legs
+        self._logs: dict[str, FlightLog | Tlog] = {"flight.mcap": flight_log, **tlogs}
+        self._logs_stopped: set[str] = set()
         self._filter = PoseFilter()
         self._planner = PlannerLink(config, config.links.depth)
         self._frames: FrameReader | None = None
@@ -82,6 +89,7 @@ class Flight:
         self._planned_s = -math.inf
         self._result_s = -math.inf
         self._note = ""
+        self._air_error = ""
         self._logged_frame_s = -math.inf
         self._actions: Actions | None = None
         self._done = asyncio.Event()
@@ -191,7 +199,7 @@ class Flight:
     async def _tick_loop(self) -> None:
         ticker = Ticker(self._clock, TICK_S)
         before_s = self._clock.now_s()
-        aborted_s: float | None = None
+        over_s: float | None = None
         while True:
             late_s = await ticker.wait()
             now_s = self._clock.now_s()
@@ -202,12 +210,13 @@ class Flight:
             self._account(actions, now_s, now_s - before_s)
             before_s = now_s
             self._plan(now_s)
-            if self.aborted and aborted_s is None:
-                aborted_s = now_s
+            ending = self._pilot.steps.status in (Status.DONE, Status.FAILED)
+            if over_s is None and (self.aborted or ending or actions.reaction >= Reaction.LAND):
+                over_s = now_s
             landed = (
                 self.aborted and actions.phase.value == "driving" and abs(self._ground.state.speed_mps) < 0.05
             )
-            late = aborted_s is not None and now_s - aborted_s > END_LATE_S
+            late = over_s is not None and now_s - over_s > END_LATE_S
             yielded = actions.reaction is Reaction.YIELD and not self._air.state.armed
             if actions.finished or landed or late or yielded:
                 self._done.set()
@@ -220,7 +229,7 @@ class Flight:
         plan_age_s = now_s - max(self._result_s, self.record.started_s)
         health = Health(
             mode=self._pilot.mode,
-            vio_age_s=self._filter.ages(now_s)["vio"],
+            vio_age_s=self._filter.ages(now_s)["vio_accepted"],  # a pose that is refused is no pose
             depth_age_s=math.inf if header is None else now_s - header[1],
             ground_age_s=ground.age_s,
             air_age_s=air.heartbeat_age_s,
@@ -249,7 +258,7 @@ class Flight:
         if actions.engaged and not taken:  # after a pause the controller wants to see us let go first
             self._ground.send_velocity(0.0, 0.0, engaged=False, air_lock=lock)
         if actions.air is not None:
-            self._send_air(actions.air)
+            self._air_says(partial(self._air.send_setpoint, actions.air))
         if actions.command is not None:
             if self._commands.full():  # the newest command counts
                 self._commands.get_nowait()
@@ -262,11 +271,15 @@ class Flight:
             self._log.mode(self._clock.now_s(), actions.mode.value, actions.phase.value, self._note)
         self._actions = actions
 
-    def _send_air(self, setpoint: SetPoint) -> None:
+    def _air_says(self, send: Callable[[], None]) -> None:
+        """Send to the autopilot; what it cannot take is said once, until it can again."""
         try:
-            self._air.send_setpoint(setpoint)
+            send()
+            self._air_error = ""
         except LabrError as error:
-            self._say(f"air: {error}")
+            if error.what != self._air_error:
+                self._say(f"air: {error}")
+            self._air_error = error.what
 
     def _account(self, actions: Actions, now_s: float, dt_s: float) -> None:
         estimate = self._filter.predicted(now_s)
@@ -279,13 +292,11 @@ class Flight:
         ticker = Ticker(self._clock, VISION_PERIOD_S)
         while True:
             await ticker.wait()
-            estimate = self._filter.predicted(self._clock.now_s())
-            if estimate is None:
-                continue
-            try:
-                self._air.send_vision(estimate)
-            except LabrError as error:
-                self._say(f"air: {error}")
+            now_s = self._clock.now_s()
+            estimate = self._filter.predicted(now_s)
+            if estimate is None or self._filter.ages(now_s)["vio_accepted"] > VIO_LATE_S:
+                continue  # the autopilot has its own way with a lost pose, and must learn of it
+            self._air_says(partial(self._air.send_vision, estimate))
 
     async def _command_loop(self) -> None:
         requests = {
@@ -294,12 +305,20 @@ class Flight:
             Command.LAND: self._air.land,
             Command.DISARM: self._air.disarm,
         }
-        while True:
-            command = await self._commands.get()
+
+        async def carry_out(command: Command) -> None:
             try:
                 await requests[command]()
             except LabrError as error:
                 self._say(f"air: {error}")
+
+        async with asyncio.TaskGroup() as tasks:
+            current: asyncio.Task[None] | None = None
+            while True:
+                command = await self._commands.get()
+                if current is not None:
+                    current.cancel()  # the newest request counts; a cancelled one is not repeated
+                current = tasks.create_task(carry_out(command), name=f"request {command.value}")
 
     async def _planner_loop(self) -> None:
         """Notice the planner's death and replace it once."""
@@ -313,7 +332,11 @@ class Flight:
                 self._pilot.fail("the planner process ended twice")
                 return
             self._say("the planner process ended; starting it again")
-            await self._planner.restart()
+            try:
+                await self._planner.restart()
+            except LabrError as error:
+                self._pilot.fail(f"the planner could not be started again: {error.what}")
+                return
 
     async def _show_loop(self) -> None:
         ticker = Ticker(self._clock, LOG_PERIOD_S)
@@ -335,6 +358,7 @@ class Flight:
                 energy_transition_j=meter.energy_transition_j,
             )
             self._show(now_s, ages)
+            self._check_logs()
             self._log_frame()
 
     def _show(self, now_s: float, ages: dict[str, float]) -> None:
@@ -355,6 +379,13 @@ class Flight:
                 note=self._note,
             )
         )
+
+    def _check_logs(self) -> None:
+        """Say once when a log has stopped; the flight goes on."""
+        for name, log_file in self._logs.items():
+            if log_file.fault and name not in self._logs_stopped:
+                self._logs_stopped.add(name)
+                self._say(f"{name} has stopped: {log_file.fault}")
 
     def _log_frame(self) -> None:
         header = self._frames.newest_header() if self._frames is not None else None
@@ -391,11 +422,12 @@ class Flight:
 
     def _take_plan(self, result: PlanResult) -> None:
         now_s = self._clock.now_s()
-        self._result_s = now_s
+        if math.isfinite(result.frame_stamp_s):  # a plan from a stale map does not count as news
+            self._result_s = now_s
         self.record.plan_cycle_s.append(result.timings.total_s)
         if result.map_xy_m is not None:
             self.record.map_xy_m = result.map_xy_m
-        self._pilot.accept(result)
+        self._pilot.accept(result, now_s)
         self._log.plan(
             now_s,
             frame_stamp_s=result.frame_stamp_s,

@@ -8,7 +8,7 @@ import numpy as np
 
 from labr_autonomy.mission.meter import Meter
 from labr_autonomy.mission.pilot import Actions, Pilot
-from labr_autonomy.mission.steps import Step
+from labr_autonomy.mission.steps import OnFail, Step
 from labr_autonomy.types import Array, Odometry
 
 
@@ -20,7 +20,7 @@ class LegRecord:
     step: Step
     start_s: float
     end_s: float
-    outcome: str  # "done" or "failed"
+    outcome: str  # "done", "skipped" or "failed"
     land_m: float
     air_m: float
     energy_j: float
@@ -42,6 +42,7 @@ class Logbook:
     ended_s: float = 0.0
     _leg_from: tuple[float, float, float, float] | None = None
     _used_frame_s: float | None = None
+    _ended: bool = False
 
     def tick(
         self, pilot: Pilot, actions: Actions, estimate: Odometry, power_w: float, now_s: float, dt_s: float
@@ -55,10 +56,14 @@ class Logbook:
             self.setpoint_age_s.append(now_s - actions.plan_used_s)
         if self._leg_from is None:
             self._leg_from = self._mark(now_s)
-        failed = bool(self.legs) and self.legs[-1].outcome == "failed"
         if actions.reached is not None:
             self._end_leg(actions.reached, "done", estimate, now_s)
-        elif pilot.failure and not failed:
+        elif actions.failed is not None:
+            skipped = actions.failed.on_fail is OnFail.SKIP
+            self._end_leg(actions.failed, "skipped" if skipped else "failed", estimate, now_s)
+            self._ended = not skipped
+        elif pilot.failure and not self._ended:
+            self._ended = True
             step = pilot.step_at(len(self.legs))
             if step is not None:
                 self._end_leg(step, "failed", estimate, now_s)

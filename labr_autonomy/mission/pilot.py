@@ -35,6 +35,9 @@ LIFT_TRAVEL_M = 1.2  # height to travel at when the goal itself is on the floor
 PRESS_DOWN_M = 0.3  # a landing aims this far below the floor, so that the weight comes onto the wheels
 DESCEND_MPS = 0.4
 STOPPED_MPS = 0.03
+STOPPED_RPS = 0.1
+SAY_AGAIN_S = 5.0  # the guard's word on the same matter
+LATE_PLAN_S = 0.3  # a plan whose beginning is longer ago than this is not followed
 FLOOR_GAIN = 0.02  # a tick; how quickly the floor's height follows the standing body
 TAKE_OFFS_MAX = 3  # refused that often, the mission has failed
 TAKEOVER_S = 1.5  # the autopilot's mode arrives with its 1 Hz heartbeat
@@ -76,6 +79,7 @@ class Actions:
     command: Command | None
     events: tuple[str, ...]
     reached: Step | None
+    failed: Step | None
     phase: Phase
     mode: Mode
     step: Step | None
@@ -117,10 +121,13 @@ class Pilot:
         self._floor_z_m: float | None = None
         self._refused = 0
         self._started_s: float | None = None
+        self._now_s = self._before_s = 0.0
         self._commanded_land = False
         self._off_mode_since_s: float | None = None
-        self._guard_said = ""
+        self._guard_said_s: dict[str, float] = {}
         self._odometry: Odometry | None = None
+        self._staying = False  # a place in the air is held, whatever the planner says
+        self._passed: SetPoint | None = None  # the last air set-point that the guard let pass
         self.failure = ""
 
     @property
@@ -140,8 +147,9 @@ class Pilot:
 
     def taken_over(self, look_mode: str, now_s: float) -> str:
         """Name of the mode the autopilot went to by itself, "" while it follows."""
-        flying = self.transition.phase in (Phase.LIFTING, Phase.FLYING)
-        if not flying or self._commanded_land or look_mode in ("offboard", ""):
+        flying = self.transition.phase in (Phase.LIFTING, Phase.FLYING, Phase.DESCENDING)
+        ours = look_mode in ("offboard", "unknown") or (self._commanded_land and look_mode == "land")
+        if not flying or ours:  # "unknown" is a silent link, not somebody else
             self._off_mode_since_s = None
             return ""
         if self._off_mode_since_s is None:
@@ -158,7 +166,7 @@ class Pilot:
 
     def fail(self, reason: str) -> None:
         """Something outside the pilot makes going on impossible: come down and end."""
-        if not self.failure:
+        if self.steps.status is not Status.FAILED:
             self.failure = reason
             self.steps = replace(self.steps, status=Status.FAILED)
 
@@ -166,8 +174,9 @@ class Pilot:
     def tick(self, look: Look, now_s: float) -> Actions:
         """Decide what leaves at `now_s`."""
         events: list[str] = []
+        self._before_s, self._now_s = self._now_s, now_s
         if self._started_s is None:
-            self._started_s = now_s
+            self._started_s = self._before_s = now_s
             self.steps = replace(self.steps, entered_s=now_s)
         before = self.failsafe
         self.failsafe = failsafe.step(self.failsafe, look.health, now_s)
@@ -177,15 +186,31 @@ class Pilot:
             return self._idle(tuple(events))
         self._follow_floor(look.odometry)
         progress = self._progress(look, now_s, events)
-        wants = self._wanted(progress, look.order, now_s, events)
+        wants = self._wanted(progress, look, now_s, events)
         outputs = self._hand_over(look, progress.step, wants, now_s, events)
         return self._command(look, outputs, progress, now_s, events)
 
     def _idle(self, events: tuple[str, ...]) -> Actions:
+        """Nothing leaves: there is no pose."""
         return Actions(
-            0.0, 0.0, False, self.mode is Mode.AIR, None, None, None, events, None, self.transition.phase,
-            self.mode, None, 0.0, self.failsafe.reaction, None, self._finished(),
-        )  # fmt: skip
+            speed_mps=0.0,
+            yaw_rate_rps=0.0,
+            engaged=False,
+            air_lock=self.mode is Mode.AIR,
+            air=None,
+            reference=None,
+            command=None,
+            events=events,
+            reached=None,
+            failed=None,
+            phase=self.transition.phase,
+            mode=self.mode,
+            step=None,
+            distance_m=0.0,
+            reaction=self.failsafe.reaction,
+            plan_used_s=None,
+            finished=self._finished(),
+        )
 
     def _follow_floor(self, odometry: Odometry) -> None:
         if self.transition.phase is not Phase.DRIVING:
@@ -204,33 +229,52 @@ class Pilot:
             settled=self.transition.phase in (Phase.DRIVING, Phase.FLYING),
         )
         index = self.steps.index
+        paused = look.order is Order.HOLD and self.steps.status is Status.RUNNING
+        if paused:  # the operator's hold stops the mission's clock as well
+            self.steps = replace(self.steps, entered_s=self.steps.entered_s + now_s - self._before_s)
+            step = self.step_at(index)
+            left_m = 0.0 if step is None else steps.goal_distance_m(step, inputs.position_m)
+            return steps.Outputs(step, left_m)
         self.steps, progress = steps.step(self.steps, self._mission, inputs, now_s)
         if progress.say:
             events.append(progress.say)
         if self.steps.index != index:
             self._facts = None
-        if progress.failed:
+        if progress.failed and self.steps.status is Status.FAILED:
             self.failure = progress.say
-        if self._started_s is not None and now_s - self._started_s > self._duration_s and not self.failure:
+        over = self.steps.status in (Status.DONE, Status.FAILED)
+        if not over and self._started_s is not None and now_s - self._started_s > self._duration_s:
             self.fail(f"mission took longer than {self._duration_s:.0f} s")
             events.append(self.failure)
         return progress
 
-    def _wanted(self, progress: steps.Outputs, order: Order, now_s: float, events: list[str]) -> Mode:
+    def _wanted(self, progress: steps.Outputs, look: Look, now_s: float, events: list[str]) -> Mode:
         """Mode that mission, operator and failsafe ask for."""
-        step = progress.step
+        order, health = look.order, look.health
+        step, driving = progress.step, self.transition.phase is Phase.DRIVING
         if self.failsafe.reaction >= Reaction.LAND or order is Order.LAND:
             return Mode.LAND
         if step is None:
             return Mode.LAND if self.steps.status is not Status.HOLDING else self.mode
         if step.kind is Kind.LAND or step.policy is Policy.GROUND:
             return Mode.LAND
-        if step.kind is Kind.WAIT or order is Order.HOLD or self.failsafe.reaction is Reaction.HOLD:
+        held = order is Order.HOLD or self.failsafe.reaction is Reaction.HOLD
+        if (
+            held or health.estop or health.ground_age_s > failsafe.GROUND_LATE_S
+        ) and self.transition.phase in (
+            Phase.STOPPING,
+            Phase.ARMING,
+        ):
+            return Mode.LAND  # a take-off that has not left the floor is called off
+        if step.kind is Kind.WAIT or held:
             return self._wants if self.transition.phase not in (Phase.DRIVING, Phase.FLYING) else self.mode
         if step.policy is Policy.AIR:
+            if driving and not (self._facts and self._facts.take_off_clear):
+                return Mode.LAND
             share = 1.0 if self.mode is Mode.LAND else 0.5  # come down well inside, then stay down
             over_goal = not step.in_air and progress.distance_m < share * step.accept_m
-            return Mode.LAND if over_goal else Mode.AIR
+            self._wants = Mode.LAND if over_goal else Mode.AIR
+            return self._wants
         facts = self._decision_facts(step)
         if facts is not None:
             self._decision, wanted = decision.step(self._decision, facts, self._energy, now_s)
@@ -263,7 +307,11 @@ class Pilot:
         before = self.transition.phase
         inputs = transition.Inputs(
             wants=wants,
-            wheels_stopped=abs(look.wheel_speed_mps) < STOPPED_MPS,
+            wheels_stopped=(
+                abs(look.wheel_speed_mps) < STOPPED_MPS
+                and abs(look.wheel_yaw_rate_rps) < STOPPED_RPS
+                and look.health.ground_age_s < failsafe.GROUND_LATE_S
+            ),
             armed=look.armed,
             offboard=look.autopilot_mode == "offboard",
             height_m=self._height_m(look.odometry),
@@ -307,11 +355,12 @@ class Pilot:
             case Phase.FLYING:
                 course.hold_reference(now_s)
                 self._commanded_land = False
+                self._wants = Mode.AIR
             case Phase.DESCENDING:
                 if before not in (Phase.FLYING, Phase.LIFTING):
                     course.hold_here(odometry, now_s)
                 course.climb(self._drive_z_m - PRESS_DOWN_M, min(DESCEND_MPS, air.descend_mps), now_s)
-            case Phase.DISARMING if before is Phase.ARMING:
+            case Phase.DISARMING if before is Phase.ARMING and self._wants is Mode.AIR:
                 self._refused += 1
                 if self._refused >= TAKE_OFFS_MAX:
                     self.fail(f"the autopilot did not arm in {self._refused} tries")
@@ -335,7 +384,8 @@ class Pilot:
         if outputs.wheels and not held and progress.step is not None and progress.step.kind is Kind.GOTO:
             reference, speed, turn = self._drive(look, now_s, events)
         elif outputs.rotors and self.failsafe.reaction is not Reaction.YIELD:
-            reference = self._fly(held or progress.step is None, now_s, events)
+            staying = progress.step is None or progress.step.kind is not Kind.GOTO
+            reference = self._fly(held or staying, now_s, events)
             # once the autopilot lands by itself, set-points would only confuse the picture
             air = None if self._commanded_land and look.autopilot_mode == "land" else reference
         return Actions(
@@ -348,6 +398,7 @@ class Pilot:
             command=None if self.failsafe.reaction is Reaction.YIELD else outputs.command,
             events=tuple(events),
             reached=progress.reached,
+            failed=progress.failed,
             phase=self.transition.phase,
             mode=self.mode,
             step=progress.step,
@@ -376,15 +427,22 @@ class Pilot:
         )
 
     def _fly(self, held: bool, now_s: float, events: list[str]) -> SetPoint | None:
-        if self.transition.phase is Phase.FLYING and held:
-            self._course.hold_reference(now_s)
-        return self._checked(self._course.air(now_s), now_s, events)
+        course, flying = self._course, self.transition.phase is Phase.FLYING
+        self._staying = flying and held
+        if self._staying:
+            course.hold_reference(now_s)
+        checked = self._checked(course.air(now_s), now_s, events)
+        if checked is None and flying and self._passed is not None:  # stay where the guard let it be
+            course.hold_place(self._passed, now_s)
+            checked = course.air(now_s)
+        self._passed = checked
+        return checked
 
     def _checked(self, setpoint: SetPoint, now_s: float, events: list[str]) -> SetPoint | None:
         verdict = check_setpoint(setpoint, self._config, self._zones, self.floor_z_m, now_s)
-        if verdict.setpoint is None and verdict.reason[:20] != self._guard_said:
+        if verdict.setpoint is None and now_s - self._guard_said_s.get(verdict.code, -math.inf) > SAY_AGAIN_S:
             events.append(f"guard: {verdict.reason}")
-        self._guard_said = verdict.reason[:20]
+            self._guard_said_s[verdict.code] = now_s
         return verdict.setpoint
 
     # ------------------------------------------------------------------ planning
@@ -413,11 +471,13 @@ class Pilot:
             fresh=self._course.wants_fresh(),
         )
 
-    def accept(self, result: PlanResult) -> None:
-        """Take over a plan that came back."""
+    def accept(self, result: PlanResult, now_s: float) -> None:
+        """Take over a plan that came back, unless it came too late or nothing is to be followed."""
         self._facts = result
         plan = result.trajectory
-        if plan is None or plan.mode is not self.planning_mode:
+        if plan is None or plan.mode is not self.planning_mode or now_s > plan.start_s + LATE_PLAN_S:
+            return
+        if plan.mode is Mode.AIR and self._staying:
             return
         self._course.take(plan, result.frame_stamp_s)
 

@@ -77,11 +77,11 @@ def _leg(leg: LegRecord, started_s: float) -> Leg:
     )
 
 
-def refused(name: str, reason: str, seed: int | None) -> Summary:
+def unmoved(name: str, outcome: Outcome, reason: str, seed: int | None) -> Summary:
     """Summary of a mission that never moved."""
     none = percentiles([])
     return Summary(
-        outcome="refused",
+        outcome=outcome,
         reason=reason,
         duration_s=0.0,
         land_m=0.0,

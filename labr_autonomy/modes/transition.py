@@ -17,7 +17,9 @@ STOP_SETTLE_S = 0.3  # wheels at rest this long before the rotors may turn
 ARM_TIMEOUT_S = 6.0  # PX4 reports arming with its 1 Hz heartbeat
 RETRY_S = 1.5  # a command that shows no effect is repeated after this time
 LIFT_TIMEOUT_S = 6.0  # no height by then: give up and come down
+LIFT_LATE_S = 20.0  # nor after this, however high it got
 LIFTED_M = 0.10  # height that counts as lifted
+ARMED_SHOWS_S = 2.5  # an arming on its way shows within this time (1 Hz heartbeat and the command's own time)
 LAND_BELOW_M = 0.35  # from here the autopilot's own landing takes over
 TOUCHDOWN_SPEED_MAX_MPS = 0.5
 SETTLE_S = 0.6  # wheels must carry the weight this long before the rotors stop
@@ -59,6 +61,7 @@ class State:
     stopped_since_s: float | None = None
     commanded: Command | None = None
     commanded_s: float = -1e9
+    arming_sent: bool = False  # an ARM is on its way and may still take effect
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,21 +121,26 @@ def _arming(state: State, i: Inputs, now_s: float) -> tuple[State, Outputs]:
         return _go(Phase.LIFTING, now_s, "armed; lifting off")
     if i.wants is Mode.LAND or now_s - state.since_s > ARM_TIMEOUT_S:
         why = "take-off called off" if i.wants is Mode.LAND else f"not armed within {ARM_TIMEOUT_S:.0f} s"
-        return _go(Phase.DISARMING, now_s, f"{why}; disarming")
-    return _command(state, Command.ARM if i.offboard else Command.OFFBOARD, now_s)
+        gone, out = _go(Phase.DISARMING, now_s, f"{why}; disarming")
+        return replace(gone, arming_sent=state.arming_sent), out
+    moved, out = _command(state, Command.ARM if i.offboard else Command.OFFBOARD, now_s)
+    return replace(moved, arming_sent=moved.arming_sent or out.command is Command.ARM), out
 
 
 def _lifting(state: State, i: Inputs, now_s: float) -> tuple[State, Outputs]:
     if i.height_m >= i.lift_height_m:
         return _go(Phase.FLYING, now_s, f"flying at {i.height_m:.2f} m")
-    if i.height_m < LIFTED_M and now_s - state.since_s > LIFT_TIMEOUT_S:
-        return _go(Phase.DESCENDING, now_s, f"no lift within {LIFT_TIMEOUT_S:.0f} s; coming down")
+    spent_s = now_s - state.since_s
+    if spent_s > LIFT_LATE_S or (i.height_m < LIFTED_M and spent_s > LIFT_TIMEOUT_S):
+        return _go(Phase.DESCENDING, now_s, f"only {i.height_m:.2f} m up after {spent_s:.0f} s; coming down")
     if i.wants is Mode.LAND and i.height_m >= LIFTED_M:
         return _go(Phase.DESCENDING, now_s, "climb called off; descending")
     return _stay(state)
 
 
 def _descending(state: State, i: Inputs, now_s: float) -> tuple[State, Outputs]:
+    if i.landed and not i.armed:
+        return _go(Phase.DRIVING, now_s, "the autopilot has landed and disarmed; driving")
     if i.landed and i.wheel_load:
         hard = f" (hard: {i.v_down_mps:.2f} m/s)" if i.v_down_mps > TOUCHDOWN_SPEED_MAX_MPS else ""
         return _go(Phase.SETTLING, now_s, "touchdown" + hard)
@@ -144,6 +152,8 @@ def _descending(state: State, i: Inputs, now_s: float) -> tuple[State, Outputs]:
 
 
 def _settling(state: State, i: Inputs, now_s: float) -> tuple[State, Outputs]:
+    if i.landed and not i.armed:
+        return _go(Phase.DRIVING, now_s, "the autopilot has disarmed; driving")
     if not i.wheel_load:
         return _go(Phase.DESCENDING, now_s, "bounced; descending again")
     if now_s - state.since_s >= SETTLE_S:
@@ -152,7 +162,8 @@ def _settling(state: State, i: Inputs, now_s: float) -> tuple[State, Outputs]:
 
 
 def _disarming(state: State, i: Inputs, now_s: float) -> tuple[State, Outputs]:
-    if not i.armed:
+    pending = state.arming_sent and now_s - state.since_s < ARMED_SHOWS_S
+    if not i.armed and not pending:
         return _go(Phase.DRIVING, now_s, "disarmed; driving")
     if not i.wheel_load:
         return _go(Phase.DESCENDING, now_s, "off the floor while armed; descending")

@@ -89,6 +89,7 @@ class FrameReader:
 
     def get(self, sequence: int) -> DepthFrame | None:
         """One of the last frames by number; None when it was overwritten."""
+        self._ring.newest()  # moves over to a restarted writer
         payload = self._ring.read(sequence)
         return None if payload is None else self._frame(sequence, payload)
 

@@ -22,6 +22,7 @@ from labr_autonomy.refine.values import AirState, LandState, RefineResult
 from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Pose, Source, Trajectory
 
 NETWORK_RANGE_M = 8.0  # farther goals are shown to the network at this distance, on the floor
+FAR_M = 3.0 * NETWORK_RANGE_M  # a key point farther away than this is not meant
 GOAL_JOIN_M = 0.6  # a path that ends this near the goal ends at it
 ROUTE_EVERY_S = 0.4  # the map's shortest ways are searched this often
 ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow
@@ -103,11 +104,14 @@ class Pipeline:
         goal = self._shown_goal(request)
         pose = request.body_pose
         level = odom_to_level(goal, pose)
+        straight = level[None] * np.linspace(0.2, 1.0, 5)[:, None]
         if frame is None:
-            straight = level[None] * np.linspace(0.2, 1.0, 5)[:, None]
             points, mu = straight, 1.0  # no image: a path that is not to be used
         else:
             points, mu, _ = self._network.predict(frame.depth_m, frame.intrinsics, level)
+            sane = np.isfinite(points).all() and np.abs(points).max() < FAR_M and 0.0 <= mu <= 1.0
+            if not sane:  # not a path: as if there were no image
+                points, mu = straight, 1.0
         points = np.array(level_to_odom(points, pose))
         if float(np.linalg.norm(points[-1, :2] - goal[:2])) < GOAL_JOIN_M:
             points[-1, :2] = goal[:2]

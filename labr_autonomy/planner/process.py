@@ -129,7 +129,7 @@ class PlannerLink:
                 result = self._connection.recv()
                 self.busy = False
                 self.on_result(result)
-        except (EOFError, ConnectionResetError):
+        except (EOFError, OSError):  # also in the middle of a message
             self._drop()
 
     def send(self, request: PlanRequest) -> bool:

@@ -11,7 +11,7 @@ from labr_autonomy.frames import quaternion_from_rpy
 from labr_autonomy.guard.failsafe import Health, Reaction
 from labr_autonomy.guard.fence import Zone
 from labr_autonomy.mission.pilot import Look, Order, Pilot
-from labr_autonomy.mission.steps import Kind, Policy, Status, Step
+from labr_autonomy.mission.steps import Kind, OnFail, Policy, Status, Step
 from labr_autonomy.modes.transition import Command, Phase
 from labr_autonomy.planner.messages import PlanResult, Timings
 from labr_autonomy.types import KeyPoints, Mode, Odometry, Pose, Source, Trajectory
@@ -135,7 +135,8 @@ class Robot:
             PlanResult(
                 1, self.now_s - 0.05, plan, points, points, Source.GKPN, 1.0, "", lift, False,
                 self.take_off_clear, self.landing_clear, Timings(),
-            )
+            ),
+            self.now_s,
         )  # fmt: skip
 
     def run(self, seconds, until=lambda r: False):
@@ -245,6 +246,8 @@ def test_a_mode_change_counts_as_taken_over_only_when_it_lasts():
     assert robot.pilot.taken_over("position", 0.0) == ""
     assert robot.pilot.taken_over("offboard", 1.0) == ""
     assert robot.pilot.taken_over("position", 2.0) == ""
+    assert robot.pilot.taken_over("unknown", 9.0) == ""  # silence is nobody
+    assert robot.pilot.taken_over("position", 2.0) == ""
     assert robot.pilot.taken_over("position", 4.0) == "position"
 
 
@@ -286,3 +289,110 @@ def test_without_a_pose_nothing_moves():
     actions = robot.pilot.tick(replace(robot.look(), odometry=None), robot.now_s)
     assert not actions.engaged
     assert actions.air is None
+
+
+def stopping(robot):
+    return robot.run(30, until=lambda r: r.actions.phase is Phase.STOPPING)
+
+
+@pytest.mark.parametrize("fault", [{"estop": True}, {"ground_age_s": 5.0}, {"vio_age_s": 0.5}, "hold"])
+def test_a_take_off_that_has_not_left_the_floor_is_called_off(fault):
+    robot = stopping(Robot(AIR_GOAL))
+    if fault == "hold":
+        robot.order = Order.HOLD
+    else:
+        robot.health = fault
+    robot.run(8.0)
+    assert Phase.LIFTING not in robot.phases
+    assert not robot.armed
+    assert "did not arm" not in robot.pilot.failure
+
+
+def test_a_called_off_take_off_leaves_no_rotors_turning():
+    robot = Robot(AIR_GOAL).run(30, until=lambda r: any(c is Command.ARM for _, c in r.pending))
+    robot.order = Order.LAND
+    robot.run(6.0)
+    assert robot.actions.phase is Phase.DRIVING
+    assert not robot.armed
+
+
+def test_a_skipped_step_is_no_failure_of_the_mission():
+    far = Step(Kind.GOTO, "far", np.array([90.0, 0.0, 0.0]), timeout_s=2.0, on_fail=OnFail.SKIP)
+    robot = Robot(far, HOME).run(30)
+    assert robot.pilot.steps.status is Status.DONE
+    assert not robot.pilot.failure
+
+
+def test_the_time_limit_also_ends_a_mission_on_hold():
+    far = Step(Kind.GOTO, "far", np.array([90.0, 0.0, 0.0]), timeout_s=1.0, on_fail=OnFail.HOLD)
+    robot = Robot(far, duration_s=5.0).run(20)
+    assert robot.actions.finished
+    assert "longer than 5 s" in robot.pilot.failure
+
+
+def test_a_wait_in_the_air_does_not_drift_with_the_estimate():
+    robot = airborne(Robot(AIR_GOAL, Step(Kind.WAIT, "w", wait_s=20.0), HOME))
+    robot.run(30, until=lambda r: r.pilot.steps.index == 1)
+    place = robot.actions.air.position_m.copy()
+    look = robot.look
+    shift = np.array([0.05, 0.0, 0.0])
+
+    def biased():
+        seen = look()
+        pose = replace(seen.odometry.pose, position_m=seen.odometry.pose.position_m + shift)
+        return replace(seen, odometry=replace(seen.odometry, pose=pose))
+
+    robot.look = biased
+    robot.run(15.0)
+    assert np.allclose(robot.actions.air.position_m, place, atol=1e-6)
+
+
+def test_a_plan_that_comes_too_late_is_not_followed():
+    robot = Robot(FLOOR_GOAL).run(2.0)
+    robot.plans = False
+    robot._plan()
+    late = robot.pilot._course.trajectory
+    robot.pilot._course.drop()
+    result = robot.pilot._facts
+    robot.pilot.accept(result, late.start_s + 1.0)
+    assert robot.pilot._course.trajectory is None
+    robot.pilot.accept(result, late.start_s)
+    assert robot.pilot._course.trajectory is late
+
+
+def test_a_hold_stops_the_clock_of_the_mission():
+    robot = airborne(Robot(AIR_GOAL, Step(Kind.WAIT, "w", wait_s=3.0), Step(Kind.LAND, "l")))
+    robot.run(30, until=lambda r: r.pilot.steps.index == 1)
+    robot.order = Order.HOLD
+    robot.run(30.0)
+    assert robot.actions.phase is Phase.FLYING
+    robot.order = Order.FLY
+    robot.run(30.0)
+    assert robot.pilot.steps.status is Status.DONE
+
+
+def test_an_air_set_point_outside_the_fence_is_replaced_by_the_last_good_one():
+    fence = Zone(((-1.0, -1.0), (2.5, -1.0), (2.5, 2.0), (-1.0, 2.0)), keep_in=True)
+    inside = Step(Kind.GOTO, "in", np.array([1.0, 1.0, 1.5]), in_air=True)
+    robot = airborne(
+        Robot(inside, Step(Kind.GOTO, "out", np.array([6.0, 1.0, 1.5]), in_air=True), zones=[fence])
+    )
+    robot.run(15.0)
+    assert robot.pilot.steps.index == 1
+    assert robot.actions.air is not None
+    assert robot.position[0] < 2.55
+    assert sum("outside the fence" in event for event in robot.events) <= 4
+
+
+def test_an_air_policy_needs_room_above():
+    robot = Robot(Step(Kind.GOTO, "hop", np.array([2.0, 0.0, 0.0]), policy=Policy.AIR))
+    robot.take_off_clear = False
+    robot.run(10.0)
+    assert Phase.STOPPING not in robot.phases
+
+
+def test_two_goals_in_the_air_need_one_take_off():
+    on = Step(Kind.GOTO, "on", np.array([4.0, 1.0, 1.5]), in_air=True)
+    robot = Robot(replace(AIR_GOAL, policy=Policy.AIR), on, HOME).run(120)
+    assert robot.pilot.steps.status is Status.DONE
+    assert robot.phases.count(Phase.FLYING) == 1

@@ -80,7 +80,9 @@ def test_rotors_stop_only_with_the_wheels_carrying(phase):
 def test_an_airborne_robot_never_gets_its_wheels(phase):
     for i in EVERY_INPUT:
         state, _ = step(State(phase, 90.0), i, 100.0)
-        assert state.phase is not Phase.DRIVING
+        if state.phase is Phase.DRIVING:
+            assert i.landed
+            assert not i.armed
 
 
 def test_arming_waits_for_wheels_at_rest():
@@ -147,3 +149,32 @@ def test_without_a_pose_the_autopilot_lands_from_any_height():
     assert out.command is None
     _, out = step(State(Phase.DESCENDING, 0.0), inputs(**high, blind=True), 1.0)
     assert out.command is Command.LAND
+
+
+def test_a_called_off_arming_is_waited_for_and_disarmed():
+    state, out = step(State(Phase.ARMING, 0.0), inputs(offboard=True), 0.1)
+    assert out.command is Command.ARM
+    state, _ = step(state, inputs(wants=Mode.LAND, offboard=True), 0.2)
+    assert state.phase is Phase.DISARMING
+    state, out = step(
+        state, inputs(wants=Mode.LAND, offboard=True), 0.3
+    )  # the heartbeat does not show it yet
+    assert state.phase is Phase.DISARMING
+    assert out.command is Command.DISARM
+    state, _ = step(state, inputs(wants=Mode.LAND, offboard=True, armed=True), 1.5)
+    assert state.phase is Phase.DISARMING
+    state, _ = step(state, inputs(wants=Mode.LAND), 3.0)
+    assert state.phase is Phase.DRIVING
+
+
+def test_an_autopilot_that_landed_by_itself_ends_the_descent():
+    gone = inputs(wants=Mode.LAND, landed=True, wheel_load=False, height_m=0.0)  # no word from the wheels
+    state, out = step(State(Phase.DESCENDING, 0.0), gone, 5.0)
+    assert state.phase is Phase.DRIVING
+    assert not out.rotors
+
+
+def test_a_climb_that_gets_stuck_is_given_up():
+    stuck = inputs(armed=True, offboard=True, landed=False, wheel_load=False, height_m=0.5)
+    assert step(State(Phase.LIFTING, 0.0), stuck, 10.0)[0].phase is Phase.LIFTING
+    assert step(State(Phase.LIFTING, 0.0), stuck, 21.0)[0].phase is Phase.DESCENDING
