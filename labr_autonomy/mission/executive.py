@@ -158,7 +158,9 @@ async def _flight(
         files.callback(flight_log.close)
         pilot = Pilot(robot, duration_s=mission.limits.duration_s)
         tlogs = {"air.tlog": air_log, "ground.tlog": ground_log}
-        flight = Flight(robot, pilot, clock, air, ground, flight_log, line, len(mission.items), tlogs)
+        flight = Flight(
+            robot, pilot, clock, air, ground, flight_log, line, len(mission.items), tlogs, run_dir
+        )
         loop, whole = asyncio.get_running_loop(), asyncio.current_task()
         assert whole is not None
         for number in (signal.SIGTERM, signal.SIGHUP):  # until it moves, ending is all there is to do

@@ -8,6 +8,7 @@ import logging
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
+from pathlib import Path
 
 from labr_autonomy.air.channel import AirChannel
 from labr_autonomy.clock import Clock, Ticker, utc_s
@@ -55,6 +56,7 @@ class Flight:
         line: Shows the flight.
         legs: Number of steps, for the live line.
         tlogs: The links' logs by name, watched for a full disk.
+        run_dir: Folder of the run.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class Flight:
         line: LiveLine,
         legs: int,
         tlogs: Mapping[str, Tlog],
+        run_dir: Path,
     ) -> None:
         self._config = config
         self._pilot = pilot
@@ -80,7 +83,7 @@ class Flight:
         self._logs: dict[str, FlightLog | Tlog] = {"flight.mcap": flight_log, **tlogs}
         self._logs_stopped: set[str] = set()
         self._filter = PoseFilter()
-        self._planner = PlannerLink(config, config.links.depth)
+        self._planner = PlannerLink(config, config.links.depth, run_dir / "planner.log")
         self._frames: FrameReader | None = None
         self._vio: VioLink | None = None
         self._commands: asyncio.Queue[Command] = asyncio.Queue(maxsize=1)

@@ -7,8 +7,10 @@ import importlib.metadata
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
@@ -21,9 +23,11 @@ LOAD_TIMEOUT_S = 180.0  # the first start compiles the map's kernels
 NICE = 5  # planning yields to the 50 Hz set-points
 
 
-def _serve(connection: Connection, config: RobotConfig, depth_name: str) -> None:
+def _serve(connection: Connection, config: RobotConfig, depth_name: str, log_path: Path) -> None:
     """Body of the planner process."""
     die_with_parent()
+    with log_path.open("ab") as log_file:  # what a fault leaves behind is for the file, not for the operator
+        os.dup2(log_file.fileno(), sys.stderr.fileno())
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the executive's business
     os.nice(NICE)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -60,10 +64,12 @@ class PlannerLink:
     Args:
         config: The robot.
         depth_name: Frame slot to read.
+        log_path: Where its standard error goes.
     """
 
-    def __init__(self, config: RobotConfig, depth_name: str) -> None:
+    def __init__(self, config: RobotConfig, depth_name: str, log_path: Path) -> None:
         self._config = config
+        self._log_path = log_path
         self._depth_name = depth_name
         self._process: multiprocessing.process.BaseProcess | None = None
         self._connection: Connection | None = None
@@ -86,7 +92,10 @@ class PlannerLink:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         self._process = context.Process(
-            target=_serve, args=(theirs, self._config, self._depth_name), name="labr-planner", daemon=True
+            target=_serve,
+            args=(theirs, self._config, self._depth_name, self._log_path),
+            name="labr-planner",
+            daemon=True,
         )
         self._process.start()
         theirs.close()
@@ -113,7 +122,10 @@ class PlannerLink:
             ) from None
         except (EOFError, ConnectionResetError):
             code = self._process.exitcode if self._process else None
-            raise LinkError(f"the planner process ended while loading (exit code {code})") from None
+            raise LinkError(
+                f"the planner process ended while loading (exit code {code})",
+                f"Its reason is in {self._log_path}",
+            ) from None
         finally:
             loop.remove_reader(self._connection.fileno())
         if not isinstance(first, Ready):

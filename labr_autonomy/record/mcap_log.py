@@ -63,6 +63,10 @@ class FlightLog:
         queue_max: int = QUEUE_MAX,
         depth_period_s: float = DEPTH_PERIOD_S,
     ) -> None:
+        # Here and not in the thread: while cv2 loads, its folder stands in sys.path, which a process spawned
+        # at that moment would inherit; and loading it with the first frame would stall the flight by 0.3 s.
+        import cv2  # noqa: F401
+
         self._clock = clock or SystemClock()
         self._epoch_s = utc_s() - self._clock.now_s()  # monotonic to UTC, for the log time
         self._queue: deque[Entry] = deque()
@@ -252,8 +256,6 @@ class FlightLog:
 
     def _run(self) -> None:
         """The thread: drain, write, flush; ends when told to and nothing is left."""
-        import cv2  # noqa: F401 - loading it with the first frame would stall the flight by 0.3 s
-
         flush_due_s = self._clock.now_s() + FLUSH_S
         reported = 0
         try:
