@@ -1,4 +1,4 @@
-"""Flying: turn first, solve, or fall back; vertical manoeuvres in closed form."""
+"""Flying: turn first, solve, or fall back."""
 
 from __future__ import annotations
 
@@ -39,7 +39,6 @@ from labr_autonomy.types import Array, Mode, Source, Trajectory
 
 SLOW_MPS = 0.3
 SEED_GIVE_M = 0.1  # a previous plan this much too close is still worth linearising at
-VERTICAL_MPS2, VERTICAL_MPS3 = 1.0, 4.0  # gentle take-off and landing
 
 
 class AirPlanner:
@@ -226,23 +225,3 @@ class AirPlanner:
         x = self._model.brake(vector(state), self._envelope(0.0))
         yaw = np.stack([np.full(len(x), state.yaw), np.zeros(len(x))], axis=1)
         return trajectory(x, yaw, now_s, Source.BRAKE)
-
-    def vertical(self, state: AirState, height_m: float, speed_mps: float, now_s: float) -> Trajectory:
-        """Straight up or down to a height of the body origin in odom, the place and the yaw held.
-
-        Used for take-off and landing; not checked against the map, as the floor is where it leads.
-        A start that moves sideways comes to rest on its way.
-        """
-        x0 = vector(state)
-        env = self._envelope(0.0)
-        sideways = self._model.brake(x0, env)
-        rise = height_m - float(x0[2])
-        v0, a0 = float(x0[5]), float(x0[8])
-        phases = profile.move(v0, a0, rise, (speed_mps, speed_mps), VERTICAL_MPS2, VERTICAL_MPS3)
-        steps = max(2, len(sideways) - 1, math.ceil(profile.duration(phases) / STEP_S - 1e-9))
-        x = np.concatenate([sideways, np.repeat(sideways[-1:], max(0, steps + 1 - len(sideways)), axis=0)])
-        times = grid_s(steps + 1)
-        x[:, [2, 5, 8]] = profile.evaluate((float(x0[2]), v0, a0), phases, times)
-        x[-1, 2], x[-1, 3:] = height_m, 0.0
-        yaw = np.stack([np.full(len(x), state.yaw), np.zeros(len(x))], axis=1)
-        return trajectory(x, yaw, now_s, Source.DIRECT)

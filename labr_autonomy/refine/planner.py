@@ -20,7 +20,7 @@ from labr_autonomy.refine.land_planner import LandPlanner
 class Refiner:
     """Both planners behind the names that the rest uses; built once, used by one thread.
 
-    `land` and `air` return a `RefineResult`; `brake_land`, `brake_air`, `turn` and `vertical` a `Trajectory`.
+    `land` and `air` return a `RefineResult`; `brake_land`, `brake_air` and `turn` a `Trajectory`.
     """
 
     def __init__(self, config: RobotConfig, clock: Clock | None = None) -> None:
@@ -35,4 +35,3 @@ class Refiner:
         self.turn = land.turn
         self.air = air.plan
         self.brake_air = air.brake
-        self.vertical = air.vertical

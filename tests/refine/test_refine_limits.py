@@ -185,28 +185,3 @@ def test_turn_ends_at_the_heading_and_stays_in_place(refiner):
     tr = refiner.turn(moving, 2.0, 5.0)
     check_land(tr, moving)
     assert wrap_pi(tr.yaw_rad[-1] - 2.0) == pytest.approx(0.0, abs=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("z0", "z1", "speed"), [(0.12, 1.2, 0.6), (1.5, 0.1, 0.4), (1.0, 1.02, 0.5), (1.0, 1.0, 0.5)]
-)
-def test_vertical_moves_are_straight_and_gentle(refiner, z0, z1, speed):
-    state = AirState(np.array([2.0, 3.0, z0]), np.zeros(3), np.zeros(3), 0.7)
-    tr = refiner.vertical(state, z1, speed, 9.0)
-    assert tr.source is Source.DIRECT
-    assert (tr.position_m[:, :2] == [2.0, 3.0]).all()
-    assert tr.position_m[-1, 2] == z1
-    assert np.abs(tr.velocity_mps[:, 2]).max() <= speed + TINY
-    assert np.abs(tr.acceleration_mps2[:, 2]).max() <= 1.0 + TINY
-    assert (np.diff(tr.position_m[:, 2]) * np.sign(z1 - z0) >= -TINY).all()
-    assert (tr.yaw_rad == 0.7).all()
-    assert tr.end_s - 9.0 < abs(z1 - z0) / speed + 1.2
-
-
-def test_vertical_takes_over_a_motion_under_way(refiner):
-    state = AirState(np.array([2.0, 3.0, 1.0]), np.array([0.3, 0.0, -0.4]), np.array([0.0, 0.2, -0.3]), 0.0)
-    tr = refiner.vertical(state, 0.1, 0.4, 0.0)
-    assert np.array_equal(tr.velocity_mps[0], state.velocity)
-    assert tr.position_m[-1, 2] == 0.1
-    assert tr.velocity_mps[:, 2].min() >= -0.45  # the acceleration it began with still adds a little
-    assert np.abs(tr.position_m[:, :2] - [2.0, 3.0]).max() < 0.1

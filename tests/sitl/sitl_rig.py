@@ -61,13 +61,14 @@ def simulator(mission: Path, folder: Path):
         process.stderr.close()
 
 
-def start_flight(mission: Path, folder: Path, *arguments: str) -> subprocess.Popen:
+def start_flight(mission: Path, folder: Path, *arguments: str, **options) -> subprocess.Popen:
     log = (folder / "fly.log").open("w")
     with log:
         return subprocess.Popen(
             [*LABR, "fly", str(mission), "--out", str(folder), *arguments],
             stdout=log,
             stderr=subprocess.STDOUT,
+            **options,
         )
 
 
