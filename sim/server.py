@@ -28,7 +28,7 @@ from labr_autonomy.errors import LabrError
 from labr_autonomy.estimation.vio_link import udp_address
 from labr_autonomy.estimation.vio_message import encode_vio
 from labr_autonomy.perception.frame_slot import FrameReader
-from labr_autonomy.processes import die_with_parent
+from labr_autonomy.processes import die_with_parent, on_time
 from labr_autonomy.types import Pose
 from sim.autopilot.link import AutopilotStandIn
 from sim.camera.process import CameraSpec
@@ -210,7 +210,8 @@ async def serve(spec: SimSpec, out: Path) -> None:
         robot_path = out / "robot.yaml"
         robot_path.write_text(json.dumps(simulator.robot.model_dump(), indent=1) + "\n")  # JSON is YAML
         _say({"event": "ready", "robot": str(robot_path), "clearances_m": _clearances(simulator, spec)})
-        await simulator.run()
+        with on_time():
+            await simulator.run()
     finally:
         simulator.close()
 

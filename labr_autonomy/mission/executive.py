@@ -31,6 +31,7 @@ from labr_autonomy.mission.pilot import Pilot
 from labr_autonomy.mission.schema import Mission
 from labr_autonomy.mission.simulator import SimulatorProcess
 from labr_autonomy.mission.steps import Status
+from labr_autonomy.processes import on_time
 from labr_autonomy.record.mcap_log import FlightLog
 from labr_autonomy.record.report import write_report
 from labr_autonomy.record.run_folder import make_run_folder
@@ -171,7 +172,7 @@ async def _flight(
             home = (float(here[0]), float(here[1]))
             floor_z_m = float(here[2]) - robot.body.below_m
             pilot.load(compile_steps(mission, home, floor_z_m), compile_fences(mission, robot, floor_z_m))
-            with _signals(flight):
+            with _signals(flight), on_time():
                 try:
                     await flight.run()
                 except* LabrError as group:
