@@ -26,11 +26,11 @@ _compiled: Callable[[Any], Any] = njit(cache=True, nogil=True, boundscheck=False
 
 
 @_compiled
-def _carve(marks: Any, touched: Any, count: int, shape: Any, eye: Any, end: Any) -> int:
-    """Mark the cells from `eye` to `end` (cells, floats), both included, as passed (Amanatides-Woo 1987)."""
+def _carve(marks: Any, touched: Any, count: int, shape: Any, start: Any, end: Any) -> int:
+    """Mark the cells from one point to another (cells, floats) as passed (Amanatides-Woo 1987)."""
     nx, ny, nz = shape
-    ix, iy, iz = math.floor(eye[0]), math.floor(eye[1]), math.floor(eye[2])
-    dx, dy, dz = end[0] - eye[0], end[1] - eye[1], end[2] - eye[2]
+    ix, iy, iz = math.floor(start[0]), math.floor(start[1]), math.floor(start[2])
+    dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
     far = 1e18
     sx = 1 if dx > 0 else -1
     sy = 1 if dy > 0 else -1
@@ -39,9 +39,9 @@ def _carve(marks: Any, touched: Any, count: int, shape: Any, eye: Any, end: Any)
     step_x = abs(1.0 / dx) if dx != 0.0 else far
     step_y = abs(1.0 / dy) if dy != 0.0 else far
     step_z = abs(1.0 / dz) if dz != 0.0 else far
-    next_x = ((ix + 1 - eye[0]) if dx > 0 else (eye[0] - ix)) * step_x if dx != 0.0 else far
-    next_y = ((iy + 1 - eye[1]) if dy > 0 else (eye[1] - iy)) * step_y if dy != 0.0 else far
-    next_z = ((iz + 1 - eye[2]) if dz > 0 else (eye[2] - iz)) * step_z if dz != 0.0 else far
+    next_x = ((ix + 1 - start[0]) if dx > 0 else (start[0] - ix)) * step_x if dx != 0.0 else far
+    next_y = ((iy + 1 - start[1]) if dy > 0 else (start[1] - iy)) * step_y if dy != 0.0 else far
+    next_z = ((iz + 1 - start[2]) if dz > 0 else (start[2] - iz)) * step_z if dz != 0.0 else far
     index = (ix * ny + iy) * nz + iz
     while True:
         if ix < 0 or iy < 0 or iz < 0 or ix >= nx or iy >= ny or iz >= nz:
@@ -68,6 +68,24 @@ def _carve(marks: Any, touched: Any, count: int, shape: Any, eye: Any, end: Any)
             next_z += step_z
             iz += sz
             index += sz
+
+
+@_compiled
+def _inside(cell: Any, shape: Any) -> bool:
+    """Whether a place, in cells, lies in the grid."""
+    return bool(0 <= cell[0] < shape[0] and 0 <= cell[1] < shape[1] and 0 <= cell[2] < shape[2])
+
+
+@_compiled
+def _wholly_in_view(border_x: int, border_y: int, fx: float, fy: float, cell_m: float) -> float:
+    """Depth from which on all of a cell is in view, that many pixels from the image's borders [m].
+
+    A cell that the border cuts must not be carved: the part outside may hold the chair leg that was seen
+    there a moment ago.
+    """
+    if border_x <= 0 or border_y <= 0:
+        return math.inf
+    return max(fx * cell_m / border_x, fy * cell_m / border_y)
 
 
 @_compiled
@@ -109,10 +127,10 @@ def cast(
     stride = sampling[0]
     fx, fy, cx, cy, sigma_1 = optics
     nearest, sensible, farthest, carve_m = ranges
-    inside_eye = 0 <= eye[0] < shape[0] and 0 <= eye[1] < shape[1] and 0 <= eye[2] < shape[2]
-    if not inside_eye:
+    if not _inside(eye, shape):
         return 0
     count = 0
+    start = np.empty(3)
     end = np.empty(3)
     direction = np.empty(3)
     for v in range(sampling[1], h, stride):
@@ -132,20 +150,19 @@ def cast(
             band = floor[1] + floor[2] * max(0.0, distance - floor[3])
             is_floor = abs(height) <= band or height < 0.0
             returns = distance <= farthest and not is_floor
-            if distance > carve_m:
-                reach = carve_m / slant
-            elif is_floor:
-                reach = z
-            else:
-                reach = max(0.0, z - max(0.5 * cell_m / slant, 2.0 * sigma_m))
-            for k in range(3):
-                end[k] = eye[k] + direction[k] * reach
-            count = _carve(marks, touched, count, shape, eye, end)
+            before_m = 0.0 if is_floor else max(0.5 * cell_m / slant, 2.0 * sigma_m)
+            reach = min(carve_m / slant, max(0.0, z - before_m))
+            begin = _wholly_in_view(min(u, w - 1 - u), min(v, h - 1 - v), fx, fy, cell_m)
+            if begin < reach:
+                for k in range(3):
+                    start[k] = eye[k] + direction[k] * begin
+                    end[k] = eye[k] + direction[k] * reach
+                count = _carve(marks, touched, count, shape, start, end)
             if returns:
                 ix = math.floor(eye[0] + direction[0] * z)
                 iy = math.floor(eye[1] + direction[1] * z)
                 iz = math.floor(eye[2] + direction[2] * z)
-                if 0 <= ix < shape[0] and 0 <= iy < shape[1] and 0 <= iz < shape[2]:
+                if _inside((ix, iy, iz), shape):
                     # Probability that the surface lies in this cell, given the noise along the ray.
                     share = math.erf(0.5 * cell_m / (max(sigma_m * slant, 1e-6) * 1.4142135623730951))
                     worth = max(1, round(hit * share))

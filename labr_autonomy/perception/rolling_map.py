@@ -18,9 +18,9 @@ from labr_autonomy.perception.fields import Bits, Field2, Field3
 from labr_autonomy.perception.raycast import Grid, integrate
 from labr_autonomy.types import Array, DepthFrame, Intrinsics, Pose
 
-# Log-odds in units of 0.05: two certain returns make an obstacle, and six frames that see through the
+# Log-odds in units of 0.05: two certain returns make an obstacle, and eight frames that see through the
 # strongest obstacle remove it again.
-HIT, MISS = 20, 8
+HIT, MISS = 20, 5
 LOWEST, HIGHEST = -40, 70
 OCCUPIED = 30
 
