@@ -21,7 +21,8 @@ from sim.autopilot import AutopilotStandIn
 from sim.battery import Battery
 from sim.quad import STEP_S, Quad
 
-pytestmark = [pytest.mark.sitl, pytest.mark.slow]
+# A flight in real time: arm, climb, land.
+pytestmark = [pytest.mark.sitl, pytest.mark.slow, pytest.mark.timeout(60)]
 
 
 def free_port():
