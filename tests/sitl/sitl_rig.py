@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,11 @@ class Truth:
             if stamp - then >= window_s:
                 return float(np.linalg.norm(here - there)) / (stamp - then)
         return 0.0
+
+    def gap_s(self, since_s: float) -> float:
+        """Longest time without a new pose: how long the machine did not run the simulator or this test."""
+        stamps = [s for s, _ in self._seen if s >= since_s]
+        return max((b - a for a, b in pairwise(stamps)), default=0.0)
 
     def wait(self, condition, timeout_s: float, what: str) -> float:
         """Look until `condition(self)` holds; returns the stamp at which it did."""
