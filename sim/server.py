@@ -219,7 +219,7 @@ async def serve(spec: SimSpec, out: Path) -> None:
 def main(argv: list[str] | None = None) -> int:
     """Entry of `python -m sim.server`."""
     parser = argparse.ArgumentParser(prog="sim.server", description="Simulated robot behind real links.")
-    parser.add_argument("--spec", type=Path, required=True, help="JSON written by SimSpec.save")
+    parser.add_argument("--spec", type=Path, required=True, help="JSON file of a SimSpec")
     parser.add_argument("--out", type=Path, required=True, help="folder for robot.yaml and the truth")
     arguments = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(relativeCreated)8d ms %(levelname)s %(message)s")

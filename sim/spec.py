@@ -26,14 +26,9 @@ class SimSpec:
     robot: RobotConfig = field(default_factory=RobotConfig)
     die_with_parent: bool = True
 
-    def save(self, path: Path) -> None:
-        """Write the JSON file."""
-        values = {name: getattr(self, name) for name in self.__slots__}
-        path.write_text(json.dumps({**values, "robot": self.robot.model_dump()}, indent=1))
-
     @staticmethod
     def load(path: Path) -> SimSpec:
-        """Read what `save` wrote.
+        """Read the file (`labr_autonomy.mission.simulator.simulator_spec` writes it).
 
         Raises:
             BadInput: when the file is absent or not of this form.

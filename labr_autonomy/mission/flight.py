@@ -208,11 +208,13 @@ class Flight:
             now_s = self._clock.now_s()
             self.record.tick_late_s.append(late_s)
             self.record.ticks_missed = ticker.missed
-            actions = self._pilot.tick(self._look(now_s), now_s)
+            look = self._look(now_s)
+            actions = self._pilot.tick(look, now_s)
             self._send(actions)
-            self._account(actions, now_s, now_s - before_s)
+            if look.odometry is not None:
+                self._account(actions, look.odometry, now_s, now_s - before_s)
             before_s = now_s
-            self._plan(now_s)
+            self._plan(look.odometry, now_s)
             ending = self._pilot.steps.status in (Status.DONE, Status.FAILED)
             if over_s is None and (self.aborted or ending or actions.reaction >= Reaction.LAND):
                 over_s = now_s
@@ -284,12 +286,10 @@ class Flight:
                 self._say(f"air: {error}")
             self._air_error = error.what
 
-    def _account(self, actions: Actions, now_s: float, dt_s: float) -> None:
-        estimate = self._filter.predicted(now_s)
-        if estimate is not None:
-            ground = self._ground.state
-            power_w = ground.battery_v * ground.current_a
-            self.record.tick(self._pilot, actions, estimate, power_w, now_s, dt_s)
+    def _account(self, actions: Actions, estimate: Odometry, now_s: float, dt_s: float) -> None:
+        ground = self._ground.state
+        power_w = ground.battery_v * ground.current_a
+        self.record.tick(self._pilot, actions, estimate, power_w, now_s, dt_s)
 
     async def _vision_loop(self) -> None:
         ticker = Ticker(self._clock, VISION_PERIOD_S)
@@ -449,11 +449,10 @@ class Flight:
             },
         )
 
-    def _plan(self, now_s: float) -> None:
+    def _plan(self, estimate: Odometry | None, now_s: float) -> None:
         if self._planner.busy or now_s - self._planned_s < PLAN_PERIOD_S or self._frames is None:
             return
         header = self._frames.newest_header()
-        estimate = self._filter.predicted(now_s)
         if header is None or estimate is None:
             return
         then = self._filter.at(header[1])

@@ -125,7 +125,6 @@ class Pilot:
         self._commanded_land = False
         self._off_mode_since_s: float | None = None
         self._guard_said_s: dict[str, float] = {}
-        self._odometry: Odometry | None = None
         self._staying = False  # a place in the air is held, whatever the planner says
         self._passed: SetPoint | None = None  # the last air set-point that the guard let pass
         self.failure = ""
@@ -275,7 +274,8 @@ class Pilot:
             over_goal = not step.in_air and progress.distance_m < share * step.accept_m
             self._wants = Mode.LAND if over_goal else Mode.AIR
             return self._wants
-        facts = self._decision_facts(step)
+        assert look.odometry is not None
+        facts = self._decision_facts(step, look.odometry)
         if facts is not None:
             self._decision, wanted = decision.step(self._decision, facts, self._energy, now_s)
             if wanted is not facts.mode and wanted is not self._wants:
@@ -284,15 +284,14 @@ class Pilot:
             self._wants = wanted
         return self._wants
 
-    def _decision_facts(self, step: Step) -> decision.Facts | None:
+    def _decision_facts(self, step: Step, odometry: Odometry) -> decision.Facts | None:
         plan = self._facts
         if plan is None or self.transition.phase not in (Phase.DRIVING, Phase.FLYING) or step.goal_m is None:
             return None
-        here = plan.network.points_m[0] if self._odometry is None else self._odometry.pose.position_m
         return decision.Facts(
             mode=self.mode,
             goal_in_air=step.in_air,
-            goal_distance_xy_m=float(np.hypot(*(step.goal_m[:2] - here[:2]))),
+            goal_distance_xy_m=float(np.hypot(*(step.goal_m[:2] - odometry.pose.position_m[:2]))),
             lift_off_m=plan.lift_off_m,
             land_path_ends=plan.land_path_ends,
             take_off_clear=plan.take_off_clear,
@@ -303,7 +302,6 @@ class Pilot:
         self, look: Look, step: Step | None, wants: Mode, now_s: float, events: list[str]
     ) -> transition.Outputs:
         assert look.odometry is not None
-        self._odometry = look.odometry
         before = self.transition.phase
         inputs = transition.Inputs(
             wants=wants,
@@ -466,8 +464,6 @@ class Pilot:
             goal_in_air=step is not None and step.in_air,
             floor_z_m=self.floor_z_m,
             lift_to_m=self.lift_to_m(step),
-            land_speed_mps=self._config.land.speed_mps,
-            air_speed_mps=self._config.air.speed_mps,
             fresh=self._course.wants_fresh(),
         )
 

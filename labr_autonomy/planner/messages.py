@@ -37,8 +37,6 @@ class PlanRequest:
     goal_in_air: bool
     floor_z_m: float  # floor below the robot, odom
     lift_to_m: float  # height in odom that a take-off here would climb to
-    land_speed_mps: float
-    air_speed_mps: float
     fresh: bool = False  # forget the previous trajectory (after a hold or a mode change)
 
 

@@ -70,10 +70,8 @@ class Pipeline:
             self._previous = None
         field = self._map.land_field(request.body_pose, request.floor_z_m)
         self._update_ways(request, field)
-        drive_z_m = request.floor_z_m + self._config.body.below_m
-        air = classify(network.points_m, drive_z_m)
         plan = self._drive if request.mode is Mode.LAND else self._fly
-        followed, refined, routed_s, why = plan(request, network, air, field)
+        followed, refined, routed_s, why = plan(request, network, field)
         done_s = now()
         self._previous = refined.trajectory
         return PlanResult(
@@ -85,7 +83,7 @@ class Pipeline:
             source=refined.source,
             clearance_m=refined.clearance_m,
             reason="; ".join(part for part in (why, refined.reason) if part),
-            lift_off_m=self._lift_off_m(request, network, air),
+            lift_off_m=lift_off_distance_m(request.body_pose.position_m, network.points_m, network.air),
             land_path_ends=self._land_path_ends(request),
             take_off_clear=self._column_clear(request, request.lift_to_m),
             landing_clear=self._column_clear(request, float(request.body_pose.position_m[2])),
@@ -130,9 +128,6 @@ class Pipeline:
             goal[:2] = request.body_pose.position_m[:2] + away * NETWORK_RANGE_M / distance
             goal[2] = drive_z_m
         return goal
-
-    def _lift_off_m(self, request: PlanRequest, network: KeyPoints, air: np.ndarray) -> float:
-        return lift_off_distance_m(request.body_pose.position_m, network.points_m, air)
 
     # ------------------------------------------------------------------ ways on the map
     def _update_ways(self, request: PlanRequest, field: Field2) -> None:
@@ -179,11 +174,11 @@ class Pipeline:
 
     # ------------------------------------------------------------------ second stage, on land
     def _drive(
-        self, request: PlanRequest, network: KeyPoints, air: np.ndarray, field: Field2
+        self, request: PlanRequest, network: KeyPoints, field: Field2
     ) -> tuple[KeyPoints | None, RefineResult, float, str]:
-        land_part = network.points_m[: int(np.argmax(air))] if air.any() else network.points_m
-        if not request.goal_in_air:
-            land_part = network.points_m
+        land_part = network.points_m
+        if request.goal_in_air and network.air.any():
+            land_part = land_part[: int(np.argmax(network.air))]
         motion = request.motion
         here = motion.position_m
         if not len(land_part):  # lift off right here
@@ -213,7 +208,6 @@ class Pipeline:
             request.start_s,
             self._previous,
             source=followed.source,
-            speed_mps=request.land_speed_mps,
         )
         if refined.stopped and followed.source is Source.GKPN:  # the map's way next, for a while
             self._route = routes.State(Source.SEARCH, request.start_s, 0)
@@ -221,7 +215,7 @@ class Pipeline:
 
     # ------------------------------------------------------------------ second stage, in the air
     def _fly(
-        self, request: PlanRequest, network: KeyPoints, air: np.ndarray, field: Field2
+        self, request: PlanRequest, network: KeyPoints, field: Field2
     ) -> tuple[KeyPoints | None, RefineResult, float, str]:
         motion = request.motion
         here = motion.position_m
@@ -239,7 +233,6 @@ class Pipeline:
             request.start_s,
             self._previous,
             source=source,
-            speed_mps=request.air_speed_mps,
             floor_m=request.floor_z_m,
         )
         followed = KeyPoints(points, np.ones(len(points), bool), network.mu, source)

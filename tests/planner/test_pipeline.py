@@ -55,7 +55,6 @@ class Ideal:
         )
         return PlanRequest(
             k, k, self.pose, self.pose, now_s, motion, mode, np.array(goal, float), in_air, 0.0, 1.4,
-            CONFIG.land.speed_mps, CONFIG.air.speed_mps,
         )  # fmt: skip
 
     def follow(self, trajectory, now_s):
