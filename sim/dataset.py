@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import quaternion_from_rpy, rotation_matrix
 from labr_autonomy.types import Array, Image
-from sim.worlds.generate import Rng, generate_scene
 from sim.worlds.primitives import Scene
+from sim.worlds.solids import Rng, generate_scene
 
 WIDTH, HEIGHT = 160, 90
 BASELINE_M = 0.05  # D435i stereo baseline, D400 series datasheet

@@ -23,6 +23,7 @@ NEAR_FLOOR_M = 0.25  # below this height the floor itself is no obstacle
 LOADED_N = 8.0  # a quarter of the weight closes the suspension switches
 REST_MPS = 0.15
 GRAVITY_MPS2 = 9.80665
+START_REACH_M = 0.5  # the floor at the start lies at most this far above its stated height
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,20 +41,20 @@ class Plant:
     Args:
         config: The robot.
         surface: The world's triangles.
-        start: x, y [m] and heading [rad] in odom.
+        start: x, y [m], heading [rad] and height of the floor [m] in odom.
         seed: For wheel slip.
     """
 
     def __init__(
-        self, config: RobotConfig, surface: Surface, start: tuple[float, float, float], seed: int
+        self, config: RobotConfig, surface: Surface, start: tuple[float, float, float, float], seed: int
     ) -> None:
         self._config = config
         self._surface = surface
         self.quad = Quad(STEP_S)
         self.rover = Rover(config, seed)
         self.battery = Battery(config.energy.pack_j)
-        x, y, self._yaw = start
-        self.floor_z_m = self._floor_below(x, y, 0.5)
+        x, y, self._yaw, floor_z_m = start
+        self.floor_z_m = self._floor_below(x, y, floor_z_m + START_REACH_M)
         position = np.array([x, y, self.floor_z_m + config.body.below_m])
         self.state = QuadState(
             position_m=position,

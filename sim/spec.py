@@ -19,7 +19,7 @@ class SimSpec:
 
     world: dict[str, Any]  # as in the mission's `sim.world`
     seed: int
-    start: tuple[float, float, float]  # x, y [m], yaw [rad], odom
+    start: tuple[float, float, float, float]  # x, y [m], yaw [rad], height of the floor there [m], odom
     keep_clear_m: tuple[Place, ...] = ()  # places that a generated world leaves free, odom
     ask_m: tuple[Place, ...] = ()  # body positions whose clearance is reported before the start, odom
     worlds_dir: str | None = None

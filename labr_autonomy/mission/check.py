@@ -35,7 +35,7 @@ class _Stand:
     item: int | None
     x_m: float
     y_m: float
-    z_m: float  # body origin
+    z_m: float  # body origin above the map's floor
     flown: bool
 
 
@@ -51,7 +51,13 @@ def clear_places(mission: Mission, robot: RobotConfig) -> list[tuple[float, floa
     Who builds the world of a mission passes exactly these, so that all build the same one.
     """
     start = None if mission.sim is None else (mission.sim.start.x, mission.sim.start.y)
-    return [(stand.x_m, stand.y_m, stand.z_m) for stand in _stands(mission, robot, start)]
+    floor_m = _floor_m(mission)
+    return [(stand.x_m, stand.y_m, stand.z_m + floor_m) for stand in _stands(mission, robot, start)]
+
+
+def _floor_m(mission: Mission) -> float:
+    """Height of the map's floor in the simulated world [m]."""
+    return 0.0 if mission.sim is None else mission.sim.start.z
 
 
 def check_mission(
@@ -77,7 +83,7 @@ def check_mission(
         findings += _outside(stand, zones)
         findings += _too_high(stand, height_max_m(mission, robot))
         if clearance_at is not None:
-            findings += _obstructed(stand, clearance_at, robot)
+            findings += _obstructed(stand, clearance_at, robot, _floor_m(mission))
     findings += _reserve_missing(mission, robot)
     return findings
 
@@ -141,8 +147,10 @@ def _too_high(stand: _Stand, limit_m: float) -> Iterator[Finding]:
         yield Finding("goal_too_high", stand.item, f"{stand.name} is above the ceiling of {limit_m:g} m")
 
 
-def _obstructed(stand: _Stand, clearance_at: ClearanceAt, robot: RobotConfig) -> Iterator[Finding]:
-    free_m = clearance_at(stand.x_m, stand.y_m, stand.z_m)
+def _obstructed(
+    stand: _Stand, clearance_at: ClearanceAt, robot: RobotConfig, floor_m: float
+) -> Iterator[Finding]:
+    free_m = clearance_at(stand.x_m, stand.y_m, stand.z_m + floor_m)
     needed_m = robot.clearance.hard_m if stand.item is None else robot.clearance.soft_m
     kind = "start" if stand.item is None else "goal"
     if free_m <= 0.0:

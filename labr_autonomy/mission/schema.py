@@ -293,6 +293,8 @@ class Start(Section):
 
     x: Coordinate = 0.0
     y: Coordinate = 0.0
+    z: Coordinate = 0.0
+    """Height of the floor there [m]; goals count from it."""
     yaw_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 0.0
     """Heading, counter-clockwise from x [deg]."""
 

@@ -132,7 +132,7 @@ def simulator_spec(
     return {
         "world": mission.sim.world.spec(),
         "seed": seed,
-        "start": [start.x, start.y, math.radians(start.yaw_deg)],
+        "start": [start.x, start.y, math.radians(start.yaw_deg), start.z],
         "keep_clear_m": places,
         "ask_m": places,
         "worlds_dir": str(worlds_dir) if worlds_dir is not None else None,

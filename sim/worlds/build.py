@@ -16,7 +16,7 @@ from sim.worlds.world import World
 
 _ENV = "LABR_WORLDS"
 _SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "worlds"
-_KEYS = {"family", "size_m", "mesh", "scale", "up", "seed", "clear_m", "worlds_dir"}
+_KEYS = {"family", "size_m", "difficulty", "mesh", "scale", "up", "seed", "clear_m", "worlds_dir"}
 
 # Where the world data that the missions name comes from; none of it is in this repository.
 _SOURCES = {
@@ -40,8 +40,8 @@ def build_world(
     """Make the world of a mission.
 
     Args:
-        spec: {"family": name, "size_m": [x, y]} for a generated world, or {"mesh": file, "scale": metres per
-            unit, "up": axis} for a mesh file.
+        spec: {"family": name, "size_m": [x, y], "difficulty": 0..1} for a generated world, or {"mesh": file,
+            "scale": metres per unit, "up": axis} for a mesh file.
         seed: Seed of a generated world.
         clear_m: Places (x, y, z) in odom [m] that a generated world keeps free.
         worlds_dir: Folder of the mesh files; by default $LABR_WORLDS, else `shared/data/worlds` beside the
@@ -70,16 +70,25 @@ def rebuild_world(spec: Mapping[str, Any]) -> World:
 
 
 def _family(spec: Mapping[str, Any], seed: int, clear_m: Sequence[Place]) -> World:
-    from sim.worlds.generate import generate
+    from sim.worlds.families.draw import DIFFICULTY, SIZES, draw_world
 
+    name = str(spec["family"])
     try:
-        x_m, y_m = (float(v) for v in spec.get("size_m", (12.0, 8.0)))
+        x_m, y_m = (float(v) for v in spec.get("size_m") or SIZES.get(name, (14.0, 10.0)))
     except (TypeError, ValueError) as error:
         raise BadInput(f"size_m is {spec['size_m']!r}", "Give two lengths [x, y] in metres.") from error
     places = [[float(v) for v in place] for place in clear_m]
-    world = generate(str(spec["family"]), seed, (x_m, y_m), np.array(places).reshape(-1, 3))
-    again = {"family": str(spec["family"]), "size_m": [x_m, y_m], "seed": seed, "clear_m": places}
-    return replace(world, spec=again)
+    kept = np.array(places).reshape(-1, 3)
+    again: dict[str, Any] = {"family": name, "size_m": [x_m, y_m], "seed": seed, "clear_m": places}
+    if name == "hall":
+        from sim.worlds.solids import generate
+
+        return replace(generate(name, seed, (x_m, y_m), kept), spec=again)
+    difficulty = float(spec.get("difficulty", DIFFICULTY))
+    if not 0.0 <= difficulty <= 1.0:
+        raise BadInput(f"the difficulty of '{name}' is {difficulty:g}", "Give 0 (easy) to 1 (hard).")
+    world = draw_world(name, seed, (x_m, y_m), difficulty, kept)
+    return replace(world, spec={**again, "difficulty": difficulty})
 
 
 def _mesh(spec: Mapping[str, Any], worlds_dir: Path | None) -> World:

@@ -19,6 +19,7 @@ class World:
     lower_m: NDArray[np.float64]  # (3,) lower corner of the bounds, odom
     upper_m: NDArray[np.float64]  # (3,) upper corner of the bounds, odom
     spec: dict[str, Any]  # what build_world needs to make this world again; plain JSON values
+    region_m: NDArray[np.float64]  # (2, 3) corners of where a robot may be asked to go, odom
 
     @property
     def triangles_m(self) -> NDArray[np.float32]:
@@ -28,7 +29,12 @@ class World:
 
 
 def make_world(
-    name: str, vertices_m: NDArray[np.floating[Any]], faces: NDArray[np.integer[Any]], spec: dict[str, Any]
+    name: str,
+    vertices_m: NDArray[np.floating[Any]],
+    faces: NDArray[np.integer[Any]],
+    spec: dict[str, Any],
+    *,
+    region_m: NDArray[np.float64] | None = None,
 ) -> World:
     """A World from plain arrays, with its bounds.
 
@@ -37,13 +43,16 @@ def make_world(
         vertices_m: (n, 3) corners, odom [m]; n >= 1.
         faces: (m, 3) indices into `vertices_m`.
         spec: How to build this world again.
+        region_m: (2, 3) where a robot may be asked to go; the bounds when left out.
     """
     vertices = np.ascontiguousarray(vertices_m, dtype=np.float32)
+    lower, upper = (corner.astype(np.float64) for corner in (vertices.min(axis=0), vertices.max(axis=0)))
     return World(
         name=name,
         vertices_m=vertices,
         faces=np.ascontiguousarray(faces, dtype=np.int32),
-        lower_m=vertices.min(axis=0).astype(np.float64),
-        upper_m=vertices.max(axis=0).astype(np.float64),
+        lower_m=lower,
+        upper_m=upper,
         spec=spec,
+        region_m=np.stack([lower, upper]) if region_m is None else np.asarray(region_m, dtype=np.float64),
     )

@@ -12,7 +12,7 @@ from labr_autonomy.planner.pipeline import Pipeline
 from labr_autonomy.types import DepthFrame, Mode, Pose, Source
 from sim.camera.process import Eye
 from sim.camera.renderer import make_renderer
-from sim.worlds.generate import generate
+from sim.worlds.solids import generate
 from sim.worlds.surface import Surface
 
 CONFIG = RobotConfig()

@@ -3,7 +3,7 @@ import pytest
 from scipy import ndimage
 
 from labr_autonomy.errors import BadInput
-from sim.worlds.generate import FAMILIES, generate, generate_scene
+from sim.worlds.solids import FAMILIES, generate, generate_scene
 
 PLACES = np.array([[-5.5, -3.5, 0.0], [4.5, 3.0, 0.0], [0.0, -3.0, 1.5], [5.5, -3.8, 0.0]])
 SIZE = (14.0, 10.0)

@@ -1,4 +1,7 @@
-"""Generated worlds: families of scenes from a seed, with places that stay free and connected.
+"""Scenes of boxes and cylinders: the hall of the first missions, and the scenes that GKPN trains on.
+
+They have an exact distance, which the training loss needs; the worlds of the benchmark are in `families`.
+Places stay free and connected.
 
 The world is centred on odom's origin. Solids are placed in groups (a table is five boxes); a group that
 comes closer than CLEAR_M to a place, or that cuts the floor between two places, is not placed.

@@ -1,0 +1,1 @@
+"""Benchmarks of navigation: tasks, methods, runs, tables and pictures."""
