@@ -11,7 +11,8 @@ from labr_autonomy.clock import utc_s
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import LinkError
 from labr_autonomy.types import Array
-from sim.autopilot.vehicle import Pack, Vehicle
+from sim.autopilot.brain import Pack
+from sim.autopilot.vehicle import Vehicle
 from sim.quad.state import QuadState
 
 

@@ -5,48 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 from pymavlink.dialects.v20 import development as mavlink
 
-from sim.autopilot import commander, phase, telemetry
-from sim.autopilot.commander import CommanderInputs, CommanderState, Kind, Request, Result
+from sim.autopilot import commander, telemetry
+from sim.autopilot.brain import Brain, Motors, Pack
+from sim.autopilot.commander import CommanderState, Kind, Request, Result
 from sim.autopilot.commands import Answer, Desk
-from sim.autopilot.controller import Controller, Target, wanted_velocity
-from sim.autopilot.estimator import Estimate, Estimator, Truth
+from sim.autopilot.estimator import Estimate, Estimator
 from sim.autopilot.imu import Imu
-from sim.autopilot.landing import landing_target
 from sim.autopilot.modes import FlightMode
 from sim.autopilot.parameters import Parameters
-from sim.autopilot.phase import Phase, PhaseInputs, PhaseState
+from sim.autopilot.phase import PhaseState
 from sim.autopilot.setpoint import target_of
 from sim.autopilot.telemetry import Schedule, Snapshot
-from sim.autopilot.vectors import Vector, ned_attitude
 from sim.autopilot.vision import ClockOffset, pose_of_odometry, pose_of_vision_estimate
 from sim.quad.state import QuadState
 
 BOOT_S = 0.3  # age of the autopilot at its first tick, so that no stamp is zero
-HOVER_N = 3.4 * 9.80665
 ON_GROUND, IN_AIR, LANDING = 1, 2, 4  # MAV_LANDED_STATE
 GRIPPER_REPEAT_S = 0.5
 GIMBAL_DELAY_S = 0.26  # after the mode, as recorded; repeated 1.0, 1.5 and 2.0 s after that
-
-
-class Pack(Protocol):
-    """What the autopilot measures of the battery."""
-
-    volts: float
-    current_a: float
-
-    @property
-    def remaining(self) -> float:
-        """Fraction left."""
-        ...
-
-    @property
-    def used_j(self) -> float:
-        """Energy given so far [J]."""
-        ...
 
 
 @dataclass(slots=True)
@@ -79,31 +58,41 @@ class Vehicle:
         self._now_s = 0.0  # since boot
         self._imu = Imu(seed)
         self._offset = ClockOffset()
-        self._controller = Controller()
         self._schedule = Schedule()
         self._later: list[tuple[float, mavlink.MAVLink_message]] = []
         self._pings = 0
         self._desk = Desk(self)
         self.parameters = Parameters()
-        self.estimator = Estimator()
-        self.estimate = Estimate()
-        self.commander = CommanderState()
+        self.brain = Brain(self.parameters)
         self._announced = self.commander  # as it was at the end of the last tick
-        self.phase = PhaseState()
         self.peer = Peer()
-        self._setpoint: Target | None = None
-        self._setpoint_s = -math.inf
-        self._target = Target()
-        self._landing_from: Vector | None = None  # where the descent began
-        self._home_down_m = 0.0  # height it armed at
-        self._motors: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
         self._truth: QuadState | None = None
         self._pack: Pack | None = None
 
     @property
     def armed(self) -> bool:
         """Whether the rotors may turn."""
-        return self.commander.armed
+        return self.brain.armed
+
+    @property
+    def estimator(self) -> Estimator:
+        """What the poses are fused by."""
+        return self.brain.estimator
+
+    @property
+    def estimate(self) -> Estimate:
+        """Where it believes to be."""
+        return self.brain.estimate
+
+    @property
+    def commander(self) -> CommanderState:
+        """Mode and arming."""
+        return self.brain.commander
+
+    @property
+    def phase(self) -> PhaseState:
+        """From spinning up to standing again."""
+        return self.brain.phase
 
     @property
     def boot_s(self) -> float:
@@ -114,7 +103,7 @@ class Vehicle:
         """Take bytes off the link; they are looked at in the next step."""
         self._inbox.append(data)
 
-    def step(self, now_s: float, truth: QuadState, pack: Pack) -> tuple[float, ...] | None:
+    def step(self, now_s: float, truth: QuadState, pack: Pack) -> Motors | None:
         """One tick of 4 ms.
 
         Args:
@@ -131,13 +120,13 @@ class Vehicle:
         dt_s = max(0.0, now_s - self._start_s - self._now_s) if self._now_s > 0.0 else 0.004
         self._now_s = now_s - self._start_s
         self._truth, self._pack = truth, pack
-        self.estimate = self.estimator.step(_truth_ned(self._now_s, truth))
+        self.brain.observe(self._now_s, truth)
         self._read_inbox()
-        self.commander = commander.step(self.commander, self._inputs(), self._now_s)
+        self.brain.decide()
         self._announce()
-        self._fly(min(dt_s, 0.02), truth, pack)
+        motors = self.brain.fly(dt_s, truth, pack)
         self._talk()
-        return self._motors if self.armed else None
+        return motors
 
     # --- link -----------------------------------------------------------------------------------------
 
@@ -178,35 +167,16 @@ class Vehicle:
     def _take_setpoint(self, message: mavlink.MAVLink_message) -> None:
         target = target_of(message, self.estimate)
         if target is not None:
-            self._setpoint, self._setpoint_s = target, self._now_s
+            self.brain.take_setpoint(target)
 
     # --- decisions ------------------------------------------------------------------------------------
 
     def ask(self, asked: Request) -> Result:
         """Put one request to the commander."""
-        was = self.commander
-        self.commander, result = commander.request(was, asked, self._inputs(), self._now_s)
-        if self.commander.armed and not was.armed:
-            self._home_down_m = self.estimate.position_m[2]
+        result = self.brain.ask(asked)
         if result is not Result.ACCEPTED and asked.kind is Kind.ARM:
             self._say("Arming denied: no mode that could fly")
         return result
-
-    def _inputs(self) -> CommanderInputs:
-        setpoint = self._setpoint
-        usable = False
-        if setpoint is not None:
-            needs_position = any(map(math.isfinite, setpoint.position_m))
-            usable = self.estimate.position_valid if needs_position else self.estimate.velocity_valid
-        body = self._truth.quaternion if self._truth is not None else (1.0, 0.0, 0.0, 0.0)
-        upright = 1.0 - 2.0 * (float(body[1]) ** 2 + float(body[2]) ** 2)
-        return CommanderInputs(
-            setpoint_age_s=self._now_s - self._setpoint_s,
-            loss_s=self.parameters["COM_OF_LOSS_T"],
-            setpoint_usable=usable,
-            landed=self.phase.landed(self._now_s),
-            tilt_rad=math.acos(max(-1.0, min(1.0, upright))),
-        )
 
     def _announce(self) -> None:
         was, now = self._announced, self.commander
@@ -215,45 +185,6 @@ class Vehicle:
             self._say("Failsafe activated: landing")
         if now.armed and now.mode is FlightMode.LAND and (was.mode is not FlightMode.LAND):
             self._gimbal_commands()
-
-    # --- flight ---------------------------------------------------------------------------------------
-
-    def _fly(self, dt_s: float, truth: QuadState, pack: Pack) -> None:
-        self._target = self._wanted()
-        climb = _climbs(self.estimate, self._target)
-        self.phase = phase.step(
-            self.phase,
-            PhaseInputs(
-                armed=self.armed,
-                climb_wanted=climb < -0.05,
-                descent_wanted=climb > 0.05 or self._controller.demand.thrust_n < 0.5 * HOVER_N,
-                touching=truth.on_ground,
-                speed_down_mps=-float(truth.velocity_mps[2]),
-                lifted=not truth.on_ground or self.phase.thrust_share(self._now_s) > 1.5,
-            ),
-            self._now_s,
-        )
-        if self.phase.phase is Phase.DISARMED:
-            self._motors = (0.0, 0.0, 0.0, 0.0)
-            self._controller.reset()
-            return
-        share = self.phase.thrust_share(self._now_s)
-        if share <= 0.0 or self.phase.cut(self._now_s):
-            self._motors = tuple(self._controller.idle(pack.volts))
-            return
-        self._motors = tuple(
-            self._controller.step(dt_s, self.estimate, self._target, share=share, volts=pack.volts)
-        )
-
-    def _wanted(self) -> Target:
-        if self.commander.mode is FlightMode.LAND:
-            if self._landing_from is None:
-                self._landing_from = self.estimate.position_m
-            return landing_target(self.estimate, self._landing_from, self._home_down_m, self._target)
-        self._landing_from = None
-        if self.commander.mode is FlightMode.OFFBOARD and self._setpoint is not None:
-            return self._setpoint
-        return Target()
 
     # --- telemetry ------------------------------------------------------------------------------------
 
@@ -276,7 +207,7 @@ class Vehicle:
         truth, pack, state = self._truth, self._pack, self.commander
         if truth is None or pack is None:
             raise RuntimeError("no step has been taken yet")
-        inputs = self._inputs()
+        inputs = self.brain.inputs()
         landed = ON_GROUND if inputs.landed else LANDING if state.mode is FlightMode.LAND else IN_AIR
         return Snapshot(
             boot_s=self._now_s,
@@ -284,11 +215,11 @@ class Vehicle:
             estimate=self.estimate,
             imu=self._imu.measure(truth.specific_force_mps2, truth.angular_velocity_rps),
             flying=self.phase.thrust_share(self._now_s) > 0.0 and not self.phase.cut(self._now_s),
-            target=self._target,
-            demand=self._controller.demand,
-            motors=self._motors,
+            target=self.brain.target,
+            demand=self.brain.controller.demand,
+            motors=self.brain.motors,
             armed=state.armed,
-            base_mode=commander.base_mode(state, setpoint_seen=self._setpoint is not None),
+            base_mode=commander.base_mode(state, setpoint_seen=self.brain.setpoint is not None),
             custom_mode=state.mode.custom_mode,
             intended_mode=state.intended.custom_mode,
             system_status=commander.system_status(state, inputs),
@@ -356,21 +287,3 @@ class Vehicle:
         self.queue(
             [command(configure, i, *take) for i in (1, 2, 3)], every_s=0.5, after_s=GIMBAL_DELAY_S + 1.0
         )
-
-
-def _truth_ned(now_s: float, truth: QuadState) -> Truth:
-    x, y, z = (float(v) for v in truth.position_m)
-    vx, vy, vz = (float(v) for v in truth.velocity_mps)
-    p, q, r = (float(v) for v in truth.angular_velocity_rps)
-    return Truth(
-        now_s, (y, x, -z), (vy, vx, -vz), ned_attitude(*(float(v) for v in truth.quaternion)), (p, -q, -r)
-    )
-
-
-def _climbs(now: Estimate, target: Target) -> float:
-    """Speed downwards that the target asks for [m/s]; negative climbs."""
-    down = wanted_velocity(now, target)[2]
-    if math.isfinite(down):
-        return down
-    push = target.acceleration_mps2[2]
-    return push if math.isfinite(push) else 0.0
