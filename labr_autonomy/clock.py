@@ -31,6 +31,11 @@ class SystemClock:
         await asyncio.sleep(max(0.0, due_s - time.monotonic()))
 
 
+def cpu_s() -> float:
+    """CPU time of this process [s], for figures of cost."""
+    return time.process_time()
+
+
 def utc_s() -> float:
     """Wall clock [s since the epoch], for file names and log headers only."""
     return time.time()

@@ -19,7 +19,8 @@ from labr_autonomy.estimation.filter import PoseFilter
 from labr_autonomy.estimation.vio_link import VioLink, udp_address
 from labr_autonomy.estimation.vio_message import VioSample
 from labr_autonomy.ground.channel import GroundChannel
-from labr_autonomy.guard.failsafe import VIO_LATE_S, Health, Reaction
+from labr_autonomy.guard.failsafe import VIO_LATE_S, Reaction
+from labr_autonomy.mission.instruments import look
 from labr_autonomy.mission.logbook import Logbook
 from labr_autonomy.mission.pilot import Actions, Look, Order, Pilot
 from labr_autonomy.mission.steps import Status
@@ -208,13 +209,13 @@ class Flight:
             now_s = self._clock.now_s()
             self.record.tick_late_s.append(late_s)
             self.record.ticks_missed = ticker.missed
-            look = self._look(now_s)
-            actions = self._pilot.tick(look, now_s)
+            seen = self._look(now_s)
+            actions = self._pilot.tick(seen, now_s)
             self._send(actions)
-            if look.odometry is not None:
-                self._account(actions, look.odometry, now_s, now_s - before_s)
+            if seen.odometry is not None:
+                self._account(actions, seen.odometry, now_s, now_s - before_s)
             before_s = now_s
-            self._plan(look.odometry, now_s)
+            self._plan(seen.odometry, now_s)
             ending = self._pilot.steps.status in (Status.DONE, Status.FAILED)
             if over_s is None and (self.aborted or ending or actions.reaction >= Reaction.LAND):
                 over_s = now_s
@@ -228,33 +229,17 @@ class Flight:
                 return
 
     def _look(self, now_s: float) -> Look:
-        ground, air = self._ground.state, self._air.state
         header = self._frames.newest_header() if self._frames is not None else None
-        planning = self._pilot.planning_mode is not None
-        plan_age_s = now_s - max(self._result_s, self.record.started_s)
-        health = Health(
-            mode=self._pilot.mode,
-            vio_age_s=self._filter.ages(now_s)["vio_accepted"],  # a pose that is refused is no pose
-            depth_age_s=math.inf if header is None else now_s - header[1],
-            ground_age_s=ground.age_s,
-            air_age_s=air.heartbeat_age_s,
-            plan_age_s=plan_age_s if planning else 0.0,
-            vio_rejected=self._filter.vio_rejected_in_a_row,
-            estop=ground.mode == "estop",
-            taken_over=self._pilot.taken_over(air.mode, now_s),
-            battery_left=1.0 if air.battery_remaining is None else air.battery_remaining,
-            battery_reserve=self._config.energy.reserve,
-        )
-        return Look(
-            odometry=self._filter.predicted(now_s),
-            wheel_speed_mps=ground.speed_mps,
-            wheel_yaw_rate_rps=ground.yaw_rate_rps,
-            wheel_load=ground.wheel_load,
-            armed=air.armed,
-            autopilot_mode=air.mode,
-            landed=air.landed == "on_ground",
-            health=health,
+        return look(
+            self._pilot,
+            self._config,
+            self._filter,
+            self._ground.state,
+            self._air.state,
+            depth_stamp_s=None if header is None else header[1],
+            plan_age_s=now_s - max(self._result_s, self.record.started_s),
             order=self._order,
+            now_s=now_s,
         )
 
     def _send(self, actions: Actions) -> None:

@@ -36,6 +36,8 @@ MAP_EVERY_S = 1.0
 class Pipeline:
     """State of the planner between cycles: map, previous trajectory, route memory.
 
+    What it decides follows from the requests and their stamps alone; the clock only measures the cycle.
+
     Args:
         config: The robot.
     """
@@ -94,7 +96,7 @@ class Pipeline:
                 done_s - routed_s,
                 done_s - began_s,
             ),
-            map_xy_m=self._map_now_and_then(field, done_s),
+            map_xy_m=self._map_now_and_then(field, request.start_s),
         )
 
     # ------------------------------------------------------------------ first stage
@@ -131,7 +133,7 @@ class Pipeline:
 
     # ------------------------------------------------------------------ ways on the map
     def _update_ways(self, request: PlanRequest, field: Field2) -> None:
-        now_s = self._clock.now_s()
+        now_s = request.start_s
         goal = request.goal_m[:2]
         same = self._ways_goal is not None and np.array_equal(self._ways_goal, goal)
         if same and now_s - self._ways_s < ROUTE_EVERY_S:

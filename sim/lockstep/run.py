@@ -1,0 +1,133 @@
+"""Flies a trial from its description: world, physics, camera and method are made, used and judged here."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from labr_autonomy.clock import cpu_s
+from labr_autonomy.config import RobotConfig
+from sim.camera.process import Eye
+from sim.camera.renderer import Renderer, make_renderer
+from sim.lockstep.flight import LockstepFlight
+from sim.lockstep.planner import Planner
+from sim.lockstep.trial import REACHED_M, Outcome, Task, Trial, TrialResult
+from sim.plant import Plant
+from sim.vio import VioModel, VioStandIn
+from sim.worlds.build import rebuild_world
+from sim.worlds.surface import Surface
+from sim.worlds.world import World
+
+
+class Stage:
+    """A world made ready to fly in; kept from trial to trial, because making it takes a second."""
+
+    _last: Stage | None = None
+
+    def __init__(self, key: str, spec: Mapping[str, Any], robot: RobotConfig) -> None:
+        self._key = key
+        self._robot = robot
+        self.world: World = rebuild_world(spec)
+        self.surface = Surface(self.world, robot.body)
+        self._renderer: Renderer | None = None
+
+    @classmethod
+    def of(cls, spec: Mapping[str, Any], robot: RobotConfig) -> Stage:
+        """The stage of a world, made anew only when the last trial was in another one."""
+        key = json.dumps([dict(spec), robot.model_dump()], sort_keys=True)
+        if cls._last is None or cls._last._key != key:
+            if cls._last is not None:
+                cls._last.close()
+            cls._last = cls(key, spec, robot)
+        return cls._last
+
+    @property
+    def renderer(self) -> Renderer:
+        """The camera's renderer, made when first asked for."""
+        if self._renderer is None:
+            camera = self._robot.camera
+            self._renderer = make_renderer(self.world, camera.intrinsics, camera.range_max_m)
+        return self._renderer
+
+    def close(self) -> None:
+        """Give back what the renderer holds."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+def fly_with(
+    task: Task,
+    planner: Planner,
+    robot: RobotConfig,
+    *,
+    sees: bool = True,
+    true_pose: bool = False,
+) -> TrialResult:
+    """Fly a task with a planner.
+
+    Args:
+        task: What is asked.
+        planner: The method, fresh.
+        robot: The robot.
+        sees: Render the camera's images for it.
+        true_pose: Give it the true pose without noise, drift or delay (the oracle's privilege).
+    """
+    stage = Stage.of(task.world, robot)
+    plant = Plant(robot, stage.surface, task.start, task.seed)
+    model = VioModel(0.0, 1e-4, 1e-4, 1e-3, 0.0, 0.0) if true_pose else VioModel()
+    vio = VioStandIn(task.seed, model)
+    eye = Eye(stage.renderer, robot.camera, seed=task.seed) if sees else None
+    flight = LockstepFlight(robot, plant, vio, eye, planner, task.goal_m, task.in_air, task.seed)
+    began_s = cpu_s()
+    outcome, reason = flight.run(task.limit_s)
+    spent_s = cpu_s() - began_s
+    there = plant.state.position_m
+    error_m = float(np.linalg.norm(there - np.array(task.goal_m)))
+    outcome, reason = _judged(outcome, reason, error_m)
+    referee, record = flight.referee, flight.record
+    return TrialResult(
+        outcome=outcome,
+        reason=reason,
+        goal_error_m=error_m,
+        time_s=flight.time_s,
+        land_m=referee.land_m,
+        air_m=referee.air_m,
+        energy_land_j=record.joules.land,
+        energy_air_j=record.joules.air,
+        energy_transition_j=record.joules.transition,
+        min_clearance_m=referee.min_clearance_m,
+        touchdown_mps=referee.touchdown_mps,
+        plans=len(record.plan_cycle_s),
+        sources=dict(sorted(record.sources.items())),
+        plan_cycle_ms=[round(1e3 * v, 2) for v in record.plan_cycle_s],
+        real_time_factor=flight.time_s / spent_s if spent_s > 0.0 else math.inf,
+        track=record.track,
+        events=record.events,
+    )
+
+
+def _judged(outcome: Outcome, reason: str, error_m: float) -> tuple[Outcome, str]:
+    """The robot's own word that it is there, held against the truth."""
+    if outcome == "reached" and error_m > REACHED_M:
+        return "stopped", f"it believed to be there, but was {error_m:.2f} m off"
+    return outcome, reason
+
+
+def fly_trial(trial: Trial, robot: RobotConfig | None = None) -> TrialResult:
+    """Fly one trial; the result but for its wall times follows from the trial alone.
+
+    Args:
+        trial: Task and method (`sim.bench.methods`).
+        robot: The robot; the default one when left out.
+    """
+    from sim.bench.methods import find_method, make_planner
+
+    vehicle = robot or RobotConfig()
+    method = find_method(trial.method)
+    planner = make_planner(trial.method, vehicle, trial.task)
+    return fly_with(trial.task, planner, vehicle, sees=method.sees, true_pose=method.true_pose)
