@@ -240,13 +240,14 @@ def on_release(s: State, session: int, step: int, token: int, now_ms: int) -> tu
 
 def tick(s: State, i: Inputs, p: Parameters, now_ms: int, dt_s: float) -> State:
     """Advance by one period; `state.drive` is what the motors get. Call it at 250 Hz or faster."""
-    s = _measure(replace(s, wheel_load=i.wheel_load, rotors=i.rotors_possible), i, p, now_ms)
+    s = _measure(s, i, p, now_ms)
     s = _watch_computer(s, now_ms)
     s = _watch_wheels(s, i, p, now_ms)
     faults = s.faults & ~(wire.LAND_FAULT_BATTERY_LOW | wire.LAND_FAULT_ESTOP)
     faults |= wire.LAND_FAULT_BATTERY_LOW * (i.battery_v < p.battery_low)
     faults |= wire.LAND_FAULT_ESTOP * s.estop
-    return replace(s, faults=faults, drive=_drive(s, p, dt_s))
+    drive = _drive(s, p, dt_s)
+    return s if faults == s.faults and drive == s.drive else replace(s, faults=faults, drive=drive)
 
 
 def may_move(s: State) -> bool:
@@ -277,18 +278,20 @@ def _watch_computer(s: State, now_ms: int) -> State:
 
 
 def _measure(s: State, i: Inputs, p: Parameters, now_ms: int) -> State:
-    """Wheel speeds over the last MEASURE_MS of encoder ticks."""
+    """The pins, and wheel speeds over the last MEASURE_MS of encoder ticks."""
     samples = (*s.samples, (now_ms, i.left_ticks, i.right_ticks))
     while len(samples) > 2 and ahead(now_ms, samples[1][0], 32) >= MEASURE_MS:
         samples = samples[1:]
     then_ms, left, right = samples[0]
     span_s = ahead(now_ms, then_ms, 32) * 1e-3
     if span_s <= 0.0:
-        return replace(s, samples=samples)
+        return replace(s, samples=samples, wheel_load=i.wheel_load, rotors=i.rotors_possible)
     per_tick = 1.0 / (p.ticks_per_m * span_s)
     return replace(
         s,
         samples=samples,
+        wheel_load=i.wheel_load,
+        rotors=i.rotors_possible,
         left_mps=ahead(i.left_ticks, left, 32) * per_tick,
         right_mps=ahead(i.right_ticks, right, 32) * per_tick,
     )
@@ -306,13 +309,16 @@ def _watch_wheels(s: State, i: Inputs, p: Parameters, now_ms: int) -> State:
     stalled = _since(s.stalled_ms, stall, now_ms)
     runaway = _since(s.runaway_ms, race, now_ms)
     current = _since(s.overcurrent_ms, hot, now_ms)
-    faults = (
+    lasted = (
         wire.LAND_FAULT_WHEEL_STALL * _lasted(stalled, now_ms)
         | wire.LAND_FAULT_WHEEL_RUNAWAY * _lasted(runaway, now_ms)
         | wire.LAND_FAULT_OVERCURRENT * _lasted(current, now_ms)
     )
-    s = replace(s, stalled_ms=stalled, runaway_ms=runaway, overcurrent_ms=current, faults=s.faults | faults)
-    return disengage(s) if faults else s
+    since = (stalled, runaway, current)
+    if lasted or since != (s.stalled_ms, s.runaway_ms, s.overcurrent_ms):
+        faults = s.faults | lasted
+        s = replace(s, stalled_ms=stalled, runaway_ms=runaway, overcurrent_ms=current, faults=faults)
+    return disengage(s) if lasted else s
 
 
 def _since(since_ms: int | None, holds: bool, now_ms: int) -> int | None:

@@ -6,8 +6,10 @@ source image. Invalid pixels (0, not finite, out of range) take no part; what th
 
 from __future__ import annotations
 
+import math
+
+import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from labr_autonomy.types import Array, Image, Intrinsics
 
@@ -23,31 +25,35 @@ def _edges(out: int, out_focal: float, out_centre: float, focal_px: float, centr
     return edges
 
 
-def _sums(image: Array, edges: Array) -> Array:
-    """Integrals (out, k) over the strips between edges along the first axis of (n, k); 0 outside.
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _means(depth_m: Image, rows: Array, columns: Array, range_m: float, least: float) -> Image:
+    """Mean of the valid depths in each rectangle between the borders; 0 where too few are valid."""
+    h, w = depth_m.shape
+    out = np.zeros((len(rows) - 1, len(columns) - 1), np.float32)
+    for i in range(len(rows) - 1):
+        top, bottom = max(rows[i], 0.0), min(rows[i + 1], float(h))
+        for j in range(len(columns) - 1):
+            left, right = max(columns[j], 0.0), min(columns[j + 1], float(w))
+            total = area = 0.0
+            for v in range(int(top), math.ceil(bottom)):
+                tall = min(bottom, v + 1.0) - max(top, float(v))
+                for u in range(int(left), math.ceil(right)):
+                    z = depth_m[v, u]
+                    if 0.0 < z <= range_m:  # False for nan
+                        share = tall * (min(right, u + 1.0) - max(left, float(u)))
+                        total += share * z
+                        area += share
+            if area > 0.0 and area >= least * (rows[i + 1] - rows[i]) * (columns[j + 1] - columns[j]):
+                out[i, j] = total / area
+    return out
 
-    Running sums and no matrix product: BLAS would wake its threads for this, which costs more than it saves.
-    """
-    running = np.zeros((len(image) + 1, image.shape[1]))
-    np.cumsum(image, axis=0, out=running[1:])
-    at = np.clip(edges, 0.0, len(image))
-    low = np.minimum(at.astype(int), len(image) - 1)
-    share = (at - low)[:, None]
-    values: Array = np.diff(running[low] * (1.0 - share) + running[low + 1] * share, axis=0)
-    return values
 
-
-def network_image(depth_m: Image, intrinsics: Intrinsics) -> NDArray[np.float32]:
+def network_image(depth_m: Image, intrinsics: Intrinsics) -> Image:
     """Depth (h, w) [m] to (90, 160) [m], 0 = invalid."""
     h, w = depth_m.shape
     # An image of another size than its intrinsics say is the same view, scaled.
     sx, sy = w / intrinsics.width, h / intrinsics.height
     columns = _edges(WIDTH, FX, CX, intrinsics.fx * sx, intrinsics.cx * sx)
     rows = _edges(HEIGHT, FY, CY, intrinsics.fy * sy, intrinsics.cy * sy)
-    depth = np.asarray(depth_m, dtype=np.float32)
-    valid = (depth > 0.0) & (depth <= RANGE_M)  # False for nan
-    total = _sums(_sums(np.where(valid, depth, np.float32(0.0)), rows).T, columns).T
-    area = _sums(_sums(valid.astype(np.float32), rows).T, columns).T
-    enough = area >= VALID_SHARE * np.outer(np.diff(rows), np.diff(columns))
-    out: NDArray[np.float32] = np.where(enough, total / np.maximum(area, 1e-6), 0.0).astype(np.float32)
+    out: Image = _means(np.ascontiguousarray(depth_m, np.float32), rows, columns, RANGE_M, VALID_SHARE)
     return out

@@ -48,8 +48,16 @@ def height_max_m(mission: Mission, robot: RobotConfig) -> float:
 def clear_places(mission: Mission, robot: RobotConfig) -> list[tuple[float, float, float]]:
     """Body origins (x, y, z) odom that a generated world keeps free: the start, then each goal in turn.
 
-    Who builds the world of a mission passes exactly these, so that all build the same one.
+    Who builds the world of a mission passes exactly these, so that all build the same one; none when the
+    world shall be as its seed draws it.
     """
+    if mission.sim is not None and not getattr(mission.sim.world, "clear", True):
+        return []
+    return goal_places(mission, robot)
+
+
+def goal_places(mission: Mission, robot: RobotConfig) -> list[tuple[float, float, float]]:
+    """Body origins (x, y, z) odom of the start, then of each goal in turn."""
     start = None if mission.sim is None else (mission.sim.start.x, mission.sim.start.y)
     floor_m = _floor_m(mission)
     return [(stand.x_m, stand.y_m, stand.z_m + floor_m) for stand in _stands(mission, robot, start)]

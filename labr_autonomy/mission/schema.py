@@ -237,16 +237,21 @@ class GeneratedWorld(Section):
     """A world drawn from a family and the seed."""
 
     family: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
-    """Family of worlds, for example `hall` or `forest`."""
-    size_m: tuple[Annotated[float, Field(ge=2.0, le=200.0)], Annotated[float, Field(ge=2.0, le=200.0)]] = (
-        14.0,
-        10.0,
-    )
-    """Extent in x and y [m]; the world is centred on (0, 0)."""
+    """Family of worlds: `indoor`, `rooms`, `garage`, `forest` or `hall`."""
+    size_m: (
+        tuple[Annotated[float, Field(ge=2.0, le=200.0)], Annotated[float, Field(ge=2.0, le=200.0)]] | None
+    ) = None
+    """Extent in x and y [m]; the world is centred on (0, 0). By default the family's own size."""
+    difficulty: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    """From 0, easy, to 1, hard; 0.5 if left out. The `hall` has none."""
+    clear: bool = True
+    """Leave out furnishings at the start and the goals; without, the world is as its seed draws it."""
 
     def spec(self) -> dict[str, object]:
         """What `sim.worlds` builds it from."""
-        return {"family": self.family, "size_m": list(self.size_m)}
+        known = {"family": self.family, "size_m": self.size_m and list(self.size_m)}
+        known["difficulty"] = self.difficulty
+        return {name: value for name, value in known.items() if value is not None}
 
 
 class MeshWorld(Section):

@@ -12,7 +12,7 @@ from typing import Any
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import BadInput, LinkError, Refused
-from labr_autonomy.mission.check import ClearanceAt, clear_places
+from labr_autonomy.mission.check import ClearanceAt, clear_places, goal_places
 from labr_autonomy.mission.schema import Mission
 
 END_S = 10.0
@@ -35,7 +35,7 @@ class SimulatorProcess:
         self, mission: Mission, robot: RobotConfig, seed: int, worlds_dir: Path | None, folder: Path
     ) -> None:
         self._folder = folder
-        self._asked = clear_places(mission, robot)
+        self._asked = goal_places(mission, robot)
         self._spec_path = folder / "simulator.json"
         self._spec_path.write_text(json.dumps(simulator_spec(mission, robot, seed, worlds_dir), indent=1))
         self._process: subprocess.Popen[str] | None = None
@@ -128,13 +128,12 @@ def simulator_spec(
             "Add one, or name the real robot with --robot robot.yaml",
         )
     start = mission.sim.start
-    places = clear_places(mission, robot)
     return {
         "world": mission.sim.world.spec(),
         "seed": seed,
         "start": [start.x, start.y, math.radians(start.yaw_deg), start.z],
-        "keep_clear_m": places,
-        "ask_m": places,
+        "keep_clear_m": clear_places(mission, robot),
+        "ask_m": goal_places(mission, robot),
         "worlds_dir": str(worlds_dir) if worlds_dir is not None else None,
         "robot": robot.model_dump(),
         "die_with_parent": die_with_parent,

@@ -1,20 +1,18 @@
 """Shortest paths on the map for when the network's key points are not usable.
 
-Dijkstra over the 8-neighbour grid (scipy csgraph). Cells near obstacles cost more, unknown cells cost
-`unknown_cost` times as much but may be crossed. The topology of a grid size is built once.
+Dijkstra over the 8-neighbour grid (`shortest`). Cells near obstacles cost more, unknown cells cost
+`unknown_cost` times as much but may be crossed.
 """
 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from labr_autonomy.perception.fields import Field2
+from labr_autonomy.refine.shortest import costs_from
 from labr_autonomy.types import Array
 
 GOAL_SNAP_M = 0.5  # a goal farther from free space than this has no path
@@ -55,13 +53,10 @@ class CostToGo:
         inside = np.clip(goal_xy, field.origin_m + field.cell_m / 2, field.upper_m - field.cell_m / 2)
         self._goal = snap(field, self._free, inside, reach_m)
         self._cost_m: Array = np.full(self._free.size, np.inf)
-        self._before = np.full(self._free.size, -1)
+        self._before = np.full(self._free.size, -1, np.int32)
         if self._goal is not None:
-            tails, heads, weight = free_edges(self._free, self._price)
-            graph = csr_matrix((weight, (tails, heads)), shape=(self._free.size,) * 2)
             goal = int(np.ravel_multi_index(tuple(self._goal), self._free.shape))
-            # from the goal, so that the predecessors lead from any start onwards
-            cost, self._before = dijkstra(graph, directed=False, indices=goal, return_predecessors=True)
+            cost, self._before = costs_from(self._free, self._price, goal)  # from the goal: leads onwards
             self._cost_m = cost * field.cell_m
 
     @property
@@ -128,32 +123,6 @@ def snap(field: Field2, free: NDArray[np.bool_], place: Array, reach_m: float) -
     best = int(gap.argmin())
     # half a cell's diagonal is rounding, not distance
     return near[best] if gap[best] <= reach + math.sqrt(0.5) else None
-
-
-@lru_cache(maxsize=4)
-def _edges(shape: tuple[int, int]) -> tuple[NDArray[np.int32], NDArray[np.int32], Array]:
-    """Both ends and the length in cells of every undirected edge of the grid."""
-    number = np.arange(shape[0] * shape[1], dtype=np.int32).reshape(shape)
-    tails, heads, lengths = [], [], []
-    for (a, b), length in (
-        ((np.s_[:-1, :], np.s_[1:, :]), 1.0),
-        ((np.s_[:, :-1], np.s_[:, 1:]), 1.0),
-        ((np.s_[:-1, :-1], np.s_[1:, 1:]), math.sqrt(2.0)),
-        ((np.s_[:-1, 1:], np.s_[1:, :-1]), math.sqrt(2.0)),
-    ):
-        tails.append(number[a].ravel())
-        heads.append(number[b].ravel())
-        lengths.append(np.full(tails[-1].size, length))
-    return np.concatenate(tails), np.concatenate(heads), np.concatenate(lengths)
-
-
-def free_edges(free: NDArray[np.bool_], price: Array) -> tuple[NDArray[np.int32], NDArray[np.int32], Array]:
-    """Both ends and the price in cells of every undirected edge between free cells."""
-    tails, heads, lengths = _edges(free.shape)
-    flat, each = free.ravel(), price.ravel()
-    open_ = flat[tails] & flat[heads]
-    tails, heads = tails[open_], heads[open_]
-    return tails, heads, lengths[open_] * 0.5 * (each[tails] + each[heads])
 
 
 def straightened(cells: NDArray[np.int64], free: NDArray[np.bool_], cost: Array) -> NDArray[np.int64]:
