@@ -249,7 +249,7 @@ class GeneratedWorld(Section):
 
     def spec(self) -> dict[str, object]:
         """What `sim.worlds` builds it from."""
-        known = {"family": self.family, "size_m": self.size_m and list(self.size_m)}
+        known: dict[str, object] = {"family": self.family, "size_m": self.size_m and list(self.size_m)}
         known["difficulty"] = self.difficulty
         return {name: value for name, value in known.items() if value is not None}
 

@@ -228,6 +228,8 @@ class LockstepFlight:
             self._frame = DepthFrame(self._ticks, self._now_s, image, self._config.camera.intrinsics)
         if beat != LOOK_TICKS or estimate is None:
             return
+        if self._eye is not None and self._frame is None:
+            return
         then = estimate if self._frame is None else self._filter.at(self._frame.stamp_s)
         if then is None:
             return
