@@ -1,4 +1,4 @@
-"""`python -m labr_autonomy.warm_up`: compile the map's and the simulator's kernels once, after installing.
+"""`python -m labr_autonomy.warm_up`: compile the kernels of a flight once, after installing.
 
 Without it the first flight does so by itself and waits for it.
 """
@@ -10,11 +10,14 @@ import sys
 
 def main() -> None:
     """Compile and cache."""
-    from labr_autonomy.perception.rolling_map import warm_up
+    from labr_autonomy.config import RobotConfig
+    from labr_autonomy.estimation import strapdown
+    from labr_autonomy.planner.pipeline import Pipeline
 
-    sys.stdout.write("compiling the map's kernels (once) ...\n")
+    sys.stdout.write("compiling the flight's kernels (once) ...\n")
     sys.stdout.flush()
-    warm_up()
+    strapdown.warm_up()
+    Pipeline(RobotConfig())
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labr_autonomy.estimation import strapdown
 from labr_autonomy.estimation.vio_message import VioSample
 from labr_autonomy.types import Array, ImuSample
 
@@ -20,7 +21,6 @@ GRAVITY_MPS2 = 9.80665  # ISO 80000-3
 P, V, R, BG, BA = (slice(i, i + 3) for i in range(0, 15, 3))
 _DIAGONAL = np.arange(15)
 _EYE, _EYE15 = np.eye(3), np.eye(15)
-_UP = np.array([0.0, 0.0, GRAVITY_MPS2])
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +86,6 @@ def _turned(q: Array, rotation_rad: Array) -> tuple[Array, Array]:
         ]
     )
     return np.array([w, x, y, z]), matrix
-
-
-_IDENTITY_Q = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def _rotation_between(q: Array, target: Array) -> Array:
@@ -160,29 +157,25 @@ def advance(
     rough: Roughness = SMOOTH,
 ) -> State:
     """Dead reckoning over `dt_s` with one mean IMU reading (body)."""
-    turn = (rate_rps - s.gyroscope_bias_rps) * dt_s
-    force = specific_force_mps2 - s.accelerometer_bias_mps2
-    _, half = _turned(s.quaternion, 0.5 * turn)  # attitude in the middle of the step
-    acceleration = half @ force - _UP
-    f = _EYE15.copy()
-    f[P, V] = _EYE * dt_s
-    f[V, R] = half @ _skew(force) * -dt_s
-    f[V, BA] = half * -dt_s
-    f[P, R] = f[V, R] * (0.5 * dt_s)
-    f[P, BA] = f[V, BA] * (0.5 * dt_s)
-    f[R, R] = _turned(_IDENTITY_Q, -turn)[1]
-    f[R, BG] = _EYE * -dt_s
-    covariance = f @ s.covariance @ f.T
+    position_m, velocity_mps, q, rotation, covariance = strapdown.advance(
+        s.position_m,
+        s.velocity_mps,
+        s.quaternion,
+        s.covariance,
+        specific_force_mps2 - s.accelerometer_bias_mps2,
+        rate_rps - s.gyroscope_bias_rps,
+        dt_s,
+        GRAVITY_MPS2,
+    )
     added = _process(noise, dt_s)
     if rough is not SMOOTH:
         added[V] += (rough.force_mps2 * dt_s) ** 2
         added[P] += (0.5 * rough.force_mps2 * dt_s * dt_s) ** 2
         added[R] += (rough.rate_rps * dt_s) ** 2
     covariance[_DIAGONAL, _DIAGONAL] += added
-    q, rotation = _turned(s.quaternion, turn)
     return State(
-        s.position_m + s.velocity_mps * dt_s + acceleration * (0.5 * dt_s * dt_s),
-        s.velocity_mps + acceleration * dt_s,
+        position_m,
+        velocity_mps,
         q,
         rotation,
         s.gyroscope_bias_rps,

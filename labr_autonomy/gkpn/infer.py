@@ -35,6 +35,8 @@ class GkpnOnnx:
         model = read_verified(folder, ONNX_NAME)
         self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
         self._clock = SystemClock()
+        camera = Intrinsics(16, 9, 8.0, 8.0, 8.0, 4.5)
+        self.predict(np.ones((9, 16), np.float32), camera, np.ones(3))  # compiles and allocates before flight
 
     def predict(
         self, depth_m: Image, intrinsics: Intrinsics, goal_level_m: Array

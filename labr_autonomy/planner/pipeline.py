@@ -15,6 +15,7 @@ from labr_autonomy.perception.fields import Field2, Field3
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
+from labr_autonomy.refine import shortest
 from labr_autonomy.refine.planner import Refiner
 from labr_autonomy.refine.reference import to_key_points
 from labr_autonomy.refine.search import GOAL_SNAP_M, CostToGo
@@ -47,6 +48,7 @@ class Pipeline:
         self._clock = SystemClock()
         self._map = RollingMap(config)
         warm_up()
+        shortest.warm_up()
         self._network = GkpnOnnx()
         self._refiner = Refiner(config)
         self._previous: Trajectory | None = None

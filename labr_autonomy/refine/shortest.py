@@ -93,3 +93,8 @@ def costs_from(free: NDArray[np.bool_], price: Floats, goal: int) -> tuple[Float
                     after[there] = here
                     size = _push(keys, items, size, total, there)
     return cost, after
+
+
+def warm_up() -> None:
+    """Compile or load the kernel, so that the first search of a flight is not late."""
+    costs_from(np.ones((3, 3), np.bool_), np.ones((3, 3)), 4)
