@@ -135,7 +135,7 @@ def spanning_doors(
     """
     reached = set(reached)
     usable = [b for b in borders if b.second != OUTSIDE and b.length_m >= least_m]
-    doors = []
+    doors: list[Border] = []
     while True:
         open_ones = [b for b in usable if (b.first in reached) != (b.second in reached)]
         odds = np.array(

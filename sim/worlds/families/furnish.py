@@ -16,7 +16,7 @@ from labr_autonomy.types import Array
 from sim.worlds.families.floor_plan import Rect
 from sim.worlds.families.layout import Rng
 from sim.worlds.families.walls import Opening
-from sim.worlds.meshes import Mesh, merged
+from sim.worlds.meshes import Mesh, box, merged
 
 ROBOT_M = 0.36  # the robot's radius of 0.30 m and a margin
 UNDER_M = 0.30  # parts that begin higher are driven under
@@ -186,19 +186,37 @@ class Room:
         return cx + x, cy + y, side * 0.5 * math.pi
 
     def anywhere(
-        self, rng: Rng, piece: Piece, tries: int = 6, *, square: bool = False, middle: float = 1.0
+        self,
+        rng: Rng,
+        piece: Piece,
+        tries: int = 6,
+        *,
+        square: bool = False,
+        middle: float = 1.0,
+        about_m: float = 0.0,
     ) -> Place | None:
-        """Set a piece somewhere on the floor, at any yaw or square to the walls; says where.
+        """Set a piece somewhere on the floor; says where, or None where it fits nowhere.
 
-        `middle` < 1 keeps to the middle of the room.
+        Args:
+            rng: Random numbers.
+            piece: What to set down.
+            tries: How often to try another place.
+            square: Square to the walls, or at any yaw.
+            middle: Less than 1 keeps to the middle of the room.
+            about_m: Free space wanted on all sides, for chairs to come.
         """
         (cx, cy), (wide, deep) = self.rect.centre, self.rect.size
+        (u0, v0, _), (u1, v1, _) = piece.low_m, piece.high_m
+        half = (0.5 * (u1 - u0) + about_m, 0.5 * (v1 - v0) + about_m, 0.4)
+        about = Piece([box((0.5 * (u0 + u1), 0.5 * (v0 + v1), 0.5), half)])
         for _ in range(tries):
-            yaw = 0.5 * math.pi * rng.integers(4) if square else rng.uniform(0.0, 2.0 * math.pi)
+            yaw = float(0.5 * math.pi * rng.integers(4) if square else rng.uniform(0.0, 2.0 * math.pi))
             x = cx + 0.5 * middle * wide * rng.uniform(-1.0, 1.0)
             y = cy + 0.5 * middle * deep * rng.uniform(-1.0, 1.0)
-            if self.put(piece, x, y, float(yaw)):
-                return float(x), float(y), float(yaw)
+            if about_m > 0.0 and not self._fits(about.bounds(x, y, yaw)):
+                continue
+            if self.put(piece, x, y, yaw):
+                return float(x), float(y), yaw
         return None
 
     def around(self, place: Place, piece: Piece, spots: Sequence[Place]) -> int:

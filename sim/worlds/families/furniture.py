@@ -16,12 +16,13 @@ from sim.worlds.meshes import Mesh, box, hull_of_rings, tube
 
 FEET_M = 0.003  # furniture begins this high, so that its lower faces do not lie in the floor's
 _EDGE_M = 0.002  # between a part and the next one upon it
+_CUBE = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
 
 
 def block(x_m: float, y_m: float, low_m: float, high_m: float, wide_m: float, deep_m: float) -> Mesh:
     """An upright box over a rectangle about (x, y)."""
-    half = 0.5 * (high_m - low_m) - 0.5 * _EDGE_M
-    return box((x_m, y_m, 0.5 * (low_m + high_m)), (0.5 * wide_m, 0.5 * deep_m, half))
+    half = np.array([wide_m, deep_m, high_m - low_m - _EDGE_M]) * 0.5
+    return Mesh(_CUBE.vertices_m * half + np.array([x_m, y_m, 0.5 * (low_m + high_m)]), _CUBE.faces)
 
 
 def pole(x_m: float, y_m: float, low_m: float, high_m: float, radius_m: float, sides: int = 8) -> Mesh:
@@ -149,7 +150,8 @@ def cartons(rng: Rng) -> list[Mesh]:
     for _ in range(int(rng.integers(1, 4))):
         high = rng.uniform(0.2, 0.4)
         part = box((0.0, 0.0, base + 0.5 * high), (*(0.5 * side), 0.5 * high - _EDGE_M))
-        parts.append(part.moved(*rng.uniform(-0.03, 0.03, 2), 0.0, rng.uniform(-0.2, 0.2)))
+        dx, dy, yaw = rng.uniform(-1.0, 1.0, 3) * (0.03, 0.03, 0.2)
+        parts.append(part.moved(dx, dy, 0.0, yaw))
         base, side = base + high, side * rng.uniform(0.75, 1.0)
     return parts
 

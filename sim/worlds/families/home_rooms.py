@@ -72,7 +72,7 @@ def _sit_at(rng: Rng, room: Room, place: Place, wide_m: float, deep_m: float, ro
             spots.append((away * math.cos(turn), away * math.sin(turn), float(turn) + 0.5 * math.pi))
     else:
         count = max(1, int(wide_m / 0.65))
-        for x in (np.arange(count) + 0.5) * (wide_m / count) - 0.5 * wide_m:
+        for x in ((np.arange(count) + 0.5) / count - 0.5) * (wide_m - 0.16):
             spots.append((float(x), 0.5 * deep_m + rng.uniform(0.12, 0.45), math.pi + rng.uniform(-0.3, 0.3)))
             spots.append((float(x), -0.5 * deep_m - rng.uniform(0.12, 0.45), rng.uniform(-0.3, 0.3)))
         spots.append((0.5 * wide_m + 0.3, 0.0, 0.5 * math.pi))
@@ -86,7 +86,9 @@ def _dining(rng: Rng, room: Room) -> None:
     top = Piece(
         round_table(0.5 * wide, 0.74) if round_it else table(wide, deep, rng.uniform(0.72, 0.77), 0.07)
     )
-    place = room.anywhere(rng, top, 14, square=True, middle=0.75)
+    place = room.anywhere(rng, top, 24, square=True, about_m=0.62)
+    if place is None:
+        place = room.anywhere(rng, top, 12, square=True, about_m=0.2)
     if place is None:
         return
     _sit_at(rng, room, place, wide, deep, round_it)

@@ -115,7 +115,7 @@ def _chairs(rng: Rng, room: Room, place: Place, wide: float, deep: float, share:
     """Chairs about a table, facing it."""
     make = Piece(chair(rng) if rng.random() < 0.5 else office_chair(rng))
     seats, out = max(1, int(wide / 0.7)), 0.5 * deep + 0.16
-    for x in (np.arange(seats) + 0.5) * (wide / seats) - 0.5 * wide:
+    for x in ((np.arange(seats) + 0.5) / seats - 0.5) * (wide - 0.16):
         for side in (-1.0, 1.0):
             if rng.random() < share:
                 away = out + rng.uniform(0.0, 0.15)
@@ -234,7 +234,7 @@ def _lounge(rng: Rng, room: Room, difficulty: float) -> None:
             room.around(place, low, [(0.0, 1.15, 0.0)])
 
     def round_group() -> None:
-        place = room.anywhere(rng, Piece(round_table(rng.uniform(0.4, 0.55), 0.74)), 8)
+        place = room.anywhere(rng, Piece(round_table(rng.uniform(0.4, 0.55), 0.74)), 12, about_m=0.5)
         if place is not None:
             _chairs(rng, room, place, 0.7, 0.9, 0.9)
 

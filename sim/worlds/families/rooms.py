@@ -52,7 +52,7 @@ def draw(rng: Rng, size_m: tuple[float, float], difficulty: float) -> Layout:
     for border in borders:
         structure += wall(border, [h for h in holes if h.border == border], floor, half_wall, height)
     leaves = [
-        door_leaf(rng, door, half_wall, door.border[int(rng.integers(2))])
+        door_leaf(rng, door, half_wall, door.border.first if rng.random() < 0.5 else door.border.second)
         for door in doors
         if door.width_m < 1.2 and door.bottom_m == 0.0 and rng.random() < 0.3 + 0.2 * difficulty
     ]
