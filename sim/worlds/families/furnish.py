@@ -98,16 +98,13 @@ class Room:
         self._take(piece.mesh.moved(x_m, y_m, 0.0, yaw_rad), bounds, shut)
         return True
 
-    def occupy(self, mesh: Mesh) -> None:
-        """Take note of something that stands here already, such as a door leaf or a column."""
-        bounds = np.concatenate([mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)])[None]
-        self._bounds = np.concatenate([self._bounds, bounds])
-        self._shut = self._shut_by(bounds)
+    def claim(self, mesh: Mesh, *, at_door: bool = False) -> bool:
+        """Let a part of the building stand here, if it fits like furniture; it does not become furniture.
 
-    def claim(self, mesh: Mesh) -> bool:
-        """Let a part of the building stand here, if it fits like furniture; it does not become furniture."""
+        `at_door` is for what belongs to a doorway, such as its open leaf.
+        """
         bounds = np.concatenate([mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)])[None]
-        shut = self._with(bounds) if self._fits(bounds) else None
+        shut = self._with(bounds) if self._fits(bounds, at_door=at_door) else None
         if shut is None:
             return False
         self._bounds, self._shut = np.concatenate([self._bounds, bounds]), shut
@@ -118,7 +115,7 @@ class Room:
         self._bounds = np.concatenate([self._bounds, bounds[bounds[:, 5] > OVER_M]])
         self.placed.append(mesh)
 
-    def _fits(self, bounds: Array) -> bool:
+    def _fits(self, bounds: Array, *, at_door: bool = False) -> bool:
         """Whether parts lie in the room, off the doorways and off each other thing."""
         low, high = bounds[:, :3].min(axis=0), bounds[:, 3:].max(axis=0)
         r = self.rect
@@ -128,11 +125,14 @@ class Room:
         in_way = tall[tall[:, 2] < HEADROOM_M][:, None]
         z = self._zones[None]
         if (
-            (in_way[..., 0] < z[..., 2])
-            & (in_way[..., 3] > z[..., 0])
-            & (in_way[..., 1] < z[..., 3])
-            & (in_way[..., 4] > z[..., 1])
-        ).any():
+            not at_door
+            and (
+                (in_way[..., 0] < z[..., 2])
+                & (in_way[..., 3] > z[..., 0])
+                & (in_way[..., 1] < z[..., 3])
+                & (in_way[..., 4] > z[..., 1])
+            ).any()
+        ):
             return False
         a, b = tall[:, None], self._bounds[None]
         return not ((a[..., :3] < b[..., 3:]) & (a[..., 3:] > b[..., :3])).all(axis=2).any()

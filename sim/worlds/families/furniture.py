@@ -126,20 +126,12 @@ def plant(rng: Rng) -> list[Mesh]:
 
 def _leaf(along_m: np.ndarray, across: tuple[float, float], half_m: tuple[float, ...]) -> Mesh:
     """A thin blade along three points."""
-    side = np.array([*across, 0.0])
-    rings = []
-    for point, half in zip(along_m, half_m, strict=True):
-        up = np.array([0.0, 0.0, 0.004])
-        rings.append(
-            np.stack(
-                [
-                    point - half * side - up,
-                    point - half * side + up,
-                    point + half * side + up,
-                    point + half * side - up,
-                ]
-            )
-        )
+    side, up = np.array([*across, 0.0]), np.array([0.0, 0.0, 0.004])
+    corners = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+    rings = [
+        np.stack([point + u * half * side + v * up for u, v in corners])
+        for point, half in zip(along_m, half_m, strict=True)
+    ]
     return hull_of_rings(rings)
 
 

@@ -44,27 +44,28 @@ def draw(rng: Rng, size_m: tuple[float, float], difficulty: float) -> Layout:
     """
     floor = floor_of(size_m, LEAST_M)
     height, half_wall = rng.uniform(2.6, 3.0), 0.5 * rng.uniform(0.10, 0.18)
-    spaces = _Plan(rng, difficulty).spaces(floor)
+    spaces = _Plan(rng, difficulty, 2.0 * half_wall).spaces(floor)
     borders = borders_of([space.rect for space in spaces])
     doors = _doors(rng, spaces, borders, difficulty)
     holes = doors + _windows(rng, spaces, borders, height)
     structure = floor_and_ceiling(floor, height)
     for border in borders:
         structure += wall(border, [h for h in holes if h.border == border], floor, half_wall, height)
-    leaves = []
+    rooms = [
+        Room(space.rect.shrunk(half_wall), [d for d in doors if number in d.border[:2]], height)
+        for number, space in enumerate(spaces)
+    ]
+    furnishings = []
     for door in doors:
-        if door.width_m < 1.3 and rng.random() < 0.25 + 0.35 * difficulty:
-            sides = sorted(door.border[:2], key=lambda i: spaces[i].kind == "corridor")  # rooms first
-            leaves.append(door_leaf(rng, door, half_wall, sides[int(rng.random() < 0.2)]))
-    furnishings = list(leaves)
-    for number, space in enumerate(spaces):
-        own = [door for door in doors if number in door.border[:2]]
-        room = Room(space.rect.shrunk(half_wall), own, height)
-        for leaf in leaves:
-            room.occupy(leaf)
+        if door.width_m < 1.3 and rng.random() < 0.3 + 0.4 * difficulty:
+            sides = sorted(door.border[:2], key=lambda i: spaces[int(i)].kind == "corridor")  # rooms first
+            into = int(sides[int(rng.random() < 0.2)])
+            leaf = door_leaf(rng, door, half_wall, into)
+            if rooms[into].claim(leaf, at_door=True):
+                furnishings.append(leaf)
+    for room, space in zip(rooms, spaces, strict=True):
         if space.rect.area > 40.0 and space.kind != "corridor":
-            columns = _columns(rng, room)
-            structure += columns
+            structure += _columns(rng, room)
         furnish(rng, room, space.kind, difficulty)
         furnishings += room.placed
     region = np.array([[floor.x0, floor.y0, 0.0], [floor.x1, floor.y1, height - 0.3]])
@@ -74,8 +75,8 @@ def draw(rng: Rng, size_m: tuple[float, float], difficulty: float) -> Layout:
 class _Plan:
     """Cuts a floor into corridors and blocks, and blocks into rooms."""
 
-    def __init__(self, rng: Rng, difficulty: float) -> None:
-        self._rng, self._difficulty = rng, difficulty
+    def __init__(self, rng: Rng, difficulty: float, wall_m: float) -> None:
+        self._rng, self._difficulty, self._wall_m = rng, difficulty, wall_m
         self._spaces: list[Space] = []
 
     def spaces(self, floor: Rect) -> list[Space]:
@@ -98,7 +99,7 @@ class _Plan:
     def _corridor(self, block: Rect, along: int, sides: frozenset[int]) -> None:
         """Run a corridor along an axis through a block, through or up to a room at its far end."""
         rng = self._rng
-        width = rng.uniform(2.0, 2.4) - 0.6 * self._difficulty * rng.random() ** 0.5
+        width = self._wall_m + rng.uniform(2.0, 2.4) - 0.6 * self._difficulty * rng.random() ** 0.5
         ends = [side for side in (along, along + 2) if side in sides]
         start = ends[int(rng.integers(len(ends)))] if ends else along + 2 * int(rng.integers(2))
         rest = frozenset(side for side in sides if side not in (along, along + 2))
@@ -122,7 +123,7 @@ class _Plan:
         side = max(sorted(sides), key=lambda k: block.size[1 - k % 2])
         axis = 1 - side % 2
         length, deep = block.size[axis], block.size[1 - axis]
-        if _OPEN_M2 < block.area < 110.0 and rng.random() < 0.3:
+        if _OPEN_M2 < block.area < 110.0 and rng.random() < 0.4:
             self._add(block)
             return
         count = max(1, round(length / rng.uniform(*_ROOM_M)))

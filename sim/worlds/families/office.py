@@ -164,7 +164,7 @@ def _open_plan(rng: Rng, room: Room, difficulty: float) -> None:
     yaw = 0.0 if long_x else 0.5 * math.pi
     for u in (np.arange(nu) - 0.5 * (nu - 1)) * (size[0] / nu):
         for v in (np.arange(nv) - 0.5 * (nv - 1)) * (size[1] / nv):
-            if rng.random() > 0.55 + 0.4 * difficulty:
+            if rng.random() > 0.65 + 0.35 * difficulty:
                 continue
             cx, cy = room.rect.centre
             centre = (cx + u, cy + v, 0.0) if long_x else (cx - v, cy + u, yaw)

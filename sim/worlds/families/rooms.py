@@ -51,20 +51,18 @@ def draw(rng: Rng, size_m: tuple[float, float], difficulty: float) -> Layout:
     structure = floor_and_ceiling(floor, height)
     for border in borders:
         structure += wall(border, [h for h in holes if h.border == border], floor, half_wall, height)
-    leaves = [
-        door_leaf(rng, door, half_wall, door.border.first if rng.random() < 0.5 else door.border.second)
-        for door in doors
-        if door.width_m < 1.2 and door.bottom_m == 0.0 and rng.random() < 0.3 + 0.2 * difficulty
+    rooms = [
+        Room(space.rect.shrunk(half_wall), [d for d in doors if number in d.border[:2]], height)
+        for number, space in enumerate(spaces)
     ]
-    furnishings = list(leaves)
-    rooms = []
-    for number, space in enumerate(spaces):
-        own = [door for door in doors if number in door.border[:2]]
-        room = Room(space.rect.shrunk(half_wall), own, height)
-        for leaf in leaves:
-            room.occupy(leaf)
-        rooms.append(room)
     structure += _stairs(rng, spaces, rooms, height)
+    furnishings = []
+    for door in doors:
+        if door.width_m < 1.2 and door.bottom_m == 0.0 and rng.random() < 0.4 + 0.2 * difficulty:
+            into = door.border.first if rng.random() < 0.5 else door.border.second
+            leaf = door_leaf(rng, door, half_wall, into)
+            if rooms[into].claim(leaf, at_door=True):
+                furnishings.append(leaf)
     for room, space in zip(rooms, spaces, strict=True):
         furnish(rng, room, space.kind, difficulty)
         furnishings += room.placed
@@ -109,7 +107,7 @@ def _split(rng: Rng, block: Rect, target_m2: float) -> list[Rect]:
     """Cut a block in two until its parts are rooms."""
     axis = int(block.size[1] > block.size[0])
     length = block.size[axis]
-    stop = block.area < target_m2 or (block.area < 2.0 * target_m2 and rng.random() < 0.3)
+    stop = block.area < target_m2 or (block.area < 1.5 * target_m2 and rng.random() < 0.3)
     slender = length > 2.2 * block.size[1 - axis]
     if length < 2.0 * _ROOM_M or (stop and not slender):
         return [block]
