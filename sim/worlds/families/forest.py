@@ -21,7 +21,7 @@ ABOVE_M = 3.0  # top of the region over the highest ground
 TREES_PER_100M2 = (6.0, 16.0)  # at difficulty 0 and 1
 STEEPEST = ((0.0, 0.5, 1.0), (0.015, 0.115, 0.245))  # difficulty, rise over run of the steepest place
 _LOW_PER_100M2 = {  # undergrowth at difficulty 0 and 1
-    undergrowth.bush: (1.2, 3.6),
+    undergrowth.bush: (1.2, 3.0),
     undergrowth.log: (0.35, 1.1),
     undergrowth.stump: (0.4, 0.9),
     undergrowth.rock: (0.4, 1.8),
@@ -100,15 +100,18 @@ def _plant(
 ) -> tuple[list[Mesh], Array]:
     """Trees by Poisson-disc spacing; also their places and radii (n, 3)."""
     wanted = round(float(np.interp(difficulty, (0.0, 1.0), TREES_PER_100M2)) * 4e-2 * float(half_m.prod()))
-    sheets = rng.uniform(-1.0, 1.0, (40 * wanted, 2)) * half_m
-    diameters = np.clip(stand.thick_m * rng.lognormal(0.0, 0.35, len(sheets)), *trees.TRUNK_M)
+    places = rng.uniform(-1.0, 1.0, (40 * wanted, 2)) * half_m
+    diameters = np.clip(stand.thick_m * rng.lognormal(0.0, 0.35, len(places)), *trees.TRUNK_M)
     kept = np.zeros((wanted, 3))
     n = 0
-    for xy, diameter in zip(sheets, diameters, strict=True):
-        gap = np.hypot(*(kept[:n, :2] - xy).T) - kept[:n, 2] - 0.5 * diameter
-        if n < wanted and (gap > _GAP_M).all() and not stand.is_open(xy):
+    for xy, diameter in zip(places, diameters, strict=True):
+        off = kept[:n, :2] - xy
+        reach = kept[:n, 2] + (0.5 * diameter + _GAP_M)
+        if ((off * off).sum(axis=1) > reach * reach).all() and not stand.is_open(xy):
             kept[n] = *xy, 0.5 * diameter
             n += 1
+        if n == wanted:
+            break
     kept = kept[:n]
     foot = ground.height_m(kept[:, :2])
     lean = 0.02 + 0.06 * difficulty

@@ -28,11 +28,13 @@ def draw(rng: Rng, size_m: tuple[float, float], difficulty: float) -> Layout:
     core = first.kind == "B" and drawn.half_m[0] > 9.0
     if core:
         structure.append(_core(drawn))
-    full = 0.4 + 0.4 * difficulty + float(rng.uniform(-0.1, 0.1))
+    full = 0.5 + 0.35 * difficulty + float(rng.uniform(-0.1, 0.1))
     for deck in drawn.decks:
         for strip in deck.strips:
             if strip.kind == "B":
                 furnishings += _row(rng, drawn, deck, strip, full, core and strip is first)
+            elif strip.kind == "P":
+                furnishings += _parallel(rng, drawn, deck, strip, full)
             elif strip.kind == "W":
                 walk = things.kerb(rng, drawn.half_m[0] - CROSS_M, 0.5 * (strip.high_m - strip.low_m))
                 structure.append(walk.moved(0.0, strip.middle_m, deck.floor_m))
@@ -90,6 +92,18 @@ def _row(rng: Rng, drawn: Plan, deck: Deck, strip: Strip, full: float, core: boo
             y = strip.middle_m + back * (0.5 * (strip.high_m - strip.low_m) - 0.5)
             along = x + (y - strip.middle_m) / math.tan(drawn.bay_rad)
             made.append(things.wheel_stop(drawn.bay_rad).moved(along, y, deck.floor_m))
+    return made
+
+
+def _parallel(rng: Rng, drawn: Plan, deck: Deck, strip: Strip, full: float) -> list[Mesh]:
+    """Cars along a wall, nose to tail."""
+    made: list[Mesh] = []
+    for x in np.arange(-drawn.half_m[0] + 4.0, drawn.half_m[0] - 3.0, 5.9).tolist():
+        thing, _, width = car(rng, str(rng.choice(KINDS, p=SHARES)))
+        turned = math.pi if rng.random() < 0.1 else 0.0
+        if rng.random() < full:
+            y = strip.low_m + 0.5 * width + 0.1
+            made.append(thing.moved(x + float(rng.uniform(-0.2, 0.2)), y, deck.floor_m, turned))
     return made
 
 

@@ -21,6 +21,7 @@ SINK_M = (1.05, 1.25)  # depth of a half-deck
 LANE_M = 3.4  # width of the ramp with its side walls
 CROSS_M = 4.4  # aisle across the ends of the rows, and the landings of a ramp
 AISLE_M = (5.0, 6.0)
+PARALLEL_M = 2.1  # least width of a strip for cars along a wall
 SLOPE = (0.10, 0.125)  # wanted; at most `SLOPE_MAX` where the building is short
 SLOPE_MAX = 0.15
 _PATTERNS = [  # rows of bays (B) and aisles (A) from one side to the other
@@ -32,7 +33,7 @@ _PATTERNS = [  # rows of bays (B) and aisles (A) from one side to the other
 
 @dataclass(frozen=True, slots=True)
 class Strip:
-    """A band of a deck along x: a row of bays "B", an aisle "A" or a footway "W"."""
+    """A band of a deck along x: a row of bays "B", an aisle "A", parking along a wall "P", a footway "W"."""
 
     kind: str
     low_m: float  # y
@@ -170,7 +171,7 @@ def plan(rng: Rng, size_m: tuple[float, float], difficulty: float) -> Plan:
 
 
 def _strips(rng: Rng, low_m: float, high_m: float, depth_m: float) -> tuple[Strip, ...]:
-    """Bands that fill a width; what is left over widens the aisles, then makes a footway."""
+    """Bands that fill a width; what is left widens the aisles, then is for parking at a wall or walking."""
     width = high_m - low_m
     need = {p: p.count("B") * depth_m + p.count("A") * AISLE_M[0] for p in _PATTERNS}
     fits = [p for p in _PATTERNS if need[p] <= width]
@@ -184,7 +185,7 @@ def _strips(rng: Rng, low_m: float, high_m: float, depth_m: float) -> tuple[Stri
     spare -= aisles * (aisle - AISLE_M[0])
     strips, y = [], low_m
     if spare > 0.3:
-        strips.append(Strip("W", low_m, low_m + spare))
+        strips.append(Strip("P" if spare > PARALLEL_M else "W", low_m, low_m + spare))
         y += spare
     for kind in pattern:
         wide = depth_m if kind == "B" else aisle

@@ -75,7 +75,7 @@ def pallet(rng: Rng) -> Mesh:
     z = 0.14
     for _ in range(int(rng.integers(1, 4))):
         half = rng.uniform((0.25, 0.2, 0.1), (0.5, 0.36, 0.25))
-        parts.append(box((0.0, 0.0, z + half[2] - 0.005), half, float(rng.uniform(-0.2, 0.2))))
+        parts.append(box((0.0, 0.0, z + half[2] - 0.005), half.tolist(), float(rng.uniform(-0.2, 0.2))))
         z += 2.0 * float(half[2]) - 0.01
     return merged(parts)
 

@@ -28,6 +28,7 @@ def _tubes(rings_m: Array) -> Mesh:
     return Mesh(rings_m.reshape(-1, 3), faces.reshape(-1, 3))
 
 
+@lru_cache(maxsize=16)
 def _circle(sides: int) -> Array:
     angle = np.arange(sides) * (2.0 * math.pi / sides)
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -41,13 +42,17 @@ def sticks(points_m: Array, radii_m: Array, sides: int) -> Mesh:
         radii_m: (n, k) radius at each point.
         sides: Corners of the cross-section.
     """
-    along = np.gradient(points_m, axis=1)
-    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    along = np.empty_like(points_m)
+    along[:, 1:-1] = points_m[:, 2:] - points_m[:, :-2]
+    along[:, 0] = points_m[:, 1] - points_m[:, 0]
+    along[:, -1] = points_m[:, -1] - points_m[:, -2]
+    along /= np.sqrt((along * along).sum(axis=-1, keepdims=True))
     upright = np.abs(along.mean(axis=1)[:, 2]) > 0.7
     reference = np.where(upright[:, None], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])[:, None, :]
     side = reference - along * (reference * along).sum(axis=-1, keepdims=True)
-    side /= np.linalg.norm(side, axis=-1, keepdims=True)
-    other = np.cross(along, side)
+    side /= np.sqrt((side * side).sum(axis=-1, keepdims=True))
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(along, -1, 0), np.moveaxis(side, -1, 0)
+    other = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
     c, s = _circle(sides).T
     spoke = c[:, None] * side[:, :, None, :] + s[:, None] * other[:, :, None, :]
     return _tubes(points_m[:, :, None, :] + radii_m[:, :, None, None] * spoke)

@@ -32,7 +32,7 @@ class Trunk:
         point = [np.interp(height_m, z, self.points_m[:, axis]) for axis in (0, 1)]
         return np.column_stack([*point, height_m]), np.interp(height_m, z, self.radii_m)
 
-    def mesh(self, sides: int = 8) -> Mesh:
+    def mesh(self, sides: int = 7) -> Mesh:
         """The trunk alone."""
         return sticks(self.points_m[None], self.radii_m[None], sides)
 
@@ -98,7 +98,7 @@ def conifer(rng: Rng, diameter_m: float, lean: float, low_branches: int) -> Mesh
     foot, _ = stem.at(start)
     tip, _ = stem.at(np.minimum(start + 1.9 * (top - low) / tiers, top))
     tip[:, 2] = np.minimum(start + 1.9 * (top - low) / tiers, top)
-    parts = [stem.mesh(7), cones(rng, foot, tip, radius)]
+    parts = [stem.mesh(6), cones(rng, foot, tip, radius)]
     if low_branches and not skirted:
         parts.append(branches(rng, stem, 0.5, 1.7, low_branches + 1, 0.6))
     return merged(parts)
@@ -109,4 +109,4 @@ def dead(rng: Rng, diameter_m: float, lean: float, low_branches: int) -> Mesh:
     top = rng.uniform(2.2, 4.5)
     stem = trunk(rng, diameter_m, top, 1.6 * lean)
     blunt = Trunk(stem.points_m, np.maximum(stem.radii_m, 0.3 * diameter_m))
-    return merged([blunt.mesh(7), branches(rng, blunt, 0.7, top - 0.2, 3 + low_branches, 1.0)])
+    return merged([blunt.mesh(6), branches(rng, blunt, 0.7, top - 0.2, 3 + low_branches, 1.0)])

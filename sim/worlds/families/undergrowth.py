@@ -29,7 +29,7 @@ def bush(rng: Rng, ground: Ground, x_m: float, y_m: float) -> Mesh:
     height = tall * np.array([1.0, *rng.uniform(0.5, 0.8, count - 1)])
     wide = height[:, None] * rng.uniform(0.45, 0.65, (count, 2)) + 0.06
     centre = _on(ground, xy) + np.column_stack([np.zeros((count, 2)), 0.4 * height])
-    return blobs(rng, centre, np.column_stack([wide, 0.57 * height]), rough=0.12)
+    return blobs(rng, centre, np.column_stack([wide, 0.57 * height]), rough=0.12, sides=6)
 
 
 def log(rng: Rng, ground: Ground, x_m: float, y_m: float) -> Mesh:
@@ -79,4 +79,4 @@ def ledge(rng: Rng, ground: Ground, x_m: float, y_m: float) -> Mesh:
     half = np.column_stack([rng.uniform(0.42, 0.55, (count, 2)), np.full(count, 0.25)])
     centre = _on(ground, xy)
     centre[:, 2] += tall - 0.25 * math.sin(math.radians(72.0))  # the flat top of a blob is its last ring
-    return blobs(rng, centre, half, rough=0.1)
+    return blobs(rng, centre, half, rough=0.1, sides=6)
