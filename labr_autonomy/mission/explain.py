@@ -69,6 +69,9 @@ def note(error: ErrorDetails, source: Source, schema: Mapping[str, Any]) -> None
         noun = "entry" if bound == 1 else "entries"
         source.add(path, f"needs at {'least' if least else 'most'} {bound} {noun} (has {count})")
     elif kind == "string_pattern_mismatch":
+        if "ya?ml" in str(context.get("pattern")):
+            source.add(path, f"{_shown(error['input'])} is not a .yaml file")
+            return
         what = f"{_shown(error['input'])} is not a plain name"
         at_key = error["loc"][-1] == "[key]"
         source.add(path, what, "letters, digits, '_' and '-', not a digit first", at_key=at_key)
@@ -114,7 +117,7 @@ def _note_undecided(path: Path_, source: Source) -> None:
     if len(path) == 2 and path[0] == "items":
         verbs, thing = ["goto", "wait", "land", "return"], "an item"
     else:
-        verbs, thing = ["family", "mesh"], "a world"
+        verbs, thing = ["family", "mesh", "file"], "a world"
     block = _mapping_at(source.tree, path)
     present = [key for key in block if key in verbs]
     if len(present) > 1:

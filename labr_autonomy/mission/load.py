@@ -14,7 +14,7 @@ from labr_autonomy.mission import explain
 from labr_autonomy.mission.schema import GoalMode, Mission
 from labr_autonomy.mission.source import FileProblems, Source, parse, read_source
 
-__all__ = ["FileProblems", "load_mission", "load_robot", "parse_mission", "parse_robot"]
+__all__ = ["FileProblems", "load_mission", "load_robot", "parse_mission", "parse_robot", "validated"]
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -36,7 +36,7 @@ def load_robot(path: Path) -> RobotConfig:
         FileProblems: with everything wrong in it.
         BadInput: when it cannot be read.
     """
-    return _validated(read_source(path), RobotConfig)
+    return validated(read_source(path), RobotConfig)
 
 
 def parse_mission(raw: bytes, file: str = "<mission>") -> Mission:
@@ -46,16 +46,24 @@ def parse_mission(raw: bytes, file: str = "<mission>") -> Mission:
 
 def parse_robot(raw: bytes, file: str = "<robot>") -> RobotConfig:
     """The robot in `raw`; `file` is the name used in errors."""
-    return _validated(parse(raw, file), RobotConfig)
+    return validated(parse(raw, file), RobotConfig)
 
 
 def _mission(source: Source) -> Mission:
     _note_place_names(source)
-    return _validated(source, Mission)
+    return validated(source, Mission)
 
 
-def _validated(source: Source, model: type[Model]) -> Model:
-    """Check the tree against `model`; strict, so that `true` is no number and '1' no text for one."""
+def validated(source: Source, model: type[Model]) -> Model:
+    """Check what was read against a schema; strict, so that `true` is no number and '1' no text for one.
+
+    Args:
+        source: The file as read; receives what is wrong.
+        model: Its schema.
+
+    Raises:
+        FileProblems: with everything wrong in it.
+    """
     if source.tree is None:
         if not source.problems:
             source.add((), "the file is empty", f"start with 'version: 1' and 'name: ...' ({model.__name__})")

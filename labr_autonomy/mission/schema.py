@@ -10,7 +10,16 @@ import enum
 import re
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 SPAN_M = 10_000.0  # no coordinate is farther from the origin than this
@@ -254,41 +263,60 @@ class GeneratedWorld(Section):
         return {name: value for name, value in known.items() if value is not None}
 
 
+def _stays_below(file: str) -> str:
+    if file.startswith(("/", "~")) or "\\" in file or ":" in file or ".." in re.split("/", file):
+        raise PydanticCustomError(
+            "mesh_path",
+            "the file must lie below the worlds folder",
+            {"hint": "name the folder with --worlds DIR"},
+        )
+    return file
+
+
+BelowFolder = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_stays_below)]
+
+
 class MeshWorld(Section):
     """A world read from a file of triangles."""
 
-    mesh: Annotated[str, Field(min_length=1, max_length=200)]
+    mesh: BelowFolder
     """File below the worlds folder (`--worlds DIR`): .glb .obj .ply .stl .dae, or .npz with V and F."""
     scale: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
     """Metres per unit of the file."""
     up: Literal["x", "y", "z"] = "z"
     """The file's axis that points up."""
 
-    @field_validator("mesh")
-    @classmethod
-    def _stays_below(cls, mesh: str) -> str:
-        if mesh.startswith(("/", "~")) or "\\" in mesh or ":" in mesh or ".." in re.split("/", mesh):
-            raise PydanticCustomError(
-                "mesh_path",
-                "the mesh must lie below the worlds folder",
-                {"hint": "name the folder with --worlds DIR"},
-            )
-        return mesh
-
     def spec(self) -> dict[str, object]:
         """What `sim.worlds` builds it from."""
         return {"mesh": self.mesh, "scale": self.scale, "up": self.up}
 
 
+class DescribedWorld(Section):
+    """A mesh with its bounds, start and goals, described by a world file."""
+
+    file: Annotated[BelowFolder, Field(pattern=r"\.ya?ml$")]
+    """World file (.yaml) below the worlds folder (`--worlds DIR`), or one of those that come with the
+    simulator, for example `workshop.yaml`."""
+
+    def spec(self) -> dict[str, object]:
+        """What `sim.worlds` builds it from."""
+        return {"file": self.file}
+
+
+_WORLD_KINDS = {"family": "GeneratedWorld", "mesh": "MeshWorld", "file": "DescribedWorld"}
+
+
 def _world_kind(value: Any) -> str | None:
     if isinstance(value, Section):
         return type(value).__name__
-    kinds = [k for k in ("family", "mesh") if isinstance(value, dict) and k in value]
-    return {"family": "GeneratedWorld", "mesh": "MeshWorld"}[kinds[0]] if len(kinds) == 1 else None
+    kinds = [kind for key, kind in _WORLD_KINDS.items() if isinstance(value, dict) and key in value]
+    return kinds[0] if len(kinds) == 1 else None
 
 
 World = Annotated[
-    Annotated[GeneratedWorld, Tag("GeneratedWorld")] | Annotated[MeshWorld, Tag("MeshWorld")],
+    Annotated[GeneratedWorld, Tag("GeneratedWorld")]
+    | Annotated[MeshWorld, Tag("MeshWorld")]
+    | Annotated[DescribedWorld, Tag("DescribedWorld")],
     Discriminator(_world_kind),
 ]
 

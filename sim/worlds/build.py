@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 
 from labr_autonomy.errors import BadInput
+from labr_autonomy.types import Array
 from sim.worlds.mesh import load_mesh
 from sim.worlds.world import World
 
 _ENV = "LABR_WORLDS"
 _SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "worlds"
-_KEYS = {"family", "size_m", "difficulty", "mesh", "scale", "up", "seed", "clear_m", "worlds_dir"}
+_FAMILY_KEYS = {"family", "size_m", "difficulty", "seed", "clear_m"}
+_MESH_KEYS = {"mesh", "scale", "up", "worlds_dir", "name", "bounds", "start", "goals"}
+_KEYS = _FAMILY_KEYS | _MESH_KEYS | {"file"}
 
 # Where the world data that the missions name comes from; none of it is in this repository.
 _SOURCES = {
@@ -41,7 +44,8 @@ def build_world(
 
     Args:
         spec: {"family": name, "size_m": [x, y], "difficulty": 0..1} for a generated world, or {"mesh": file,
-            "scale": metres per unit, "up": axis} for a mesh file.
+            "scale": metres per unit, "up": axis, "bounds": [[x, y, z], [x, y, z]], "start", "goals"} for a
+            mesh file, or {"file": a world file that says all this} (see `world_file`).
         seed: Seed of a generated world.
         clear_m: Places (x, y, z) in odom [m] that a generated world keeps free.
         worlds_dir: Folder of the mesh files; by default $LABR_WORLDS, else `shared/data/worlds` beside the
@@ -53,8 +57,10 @@ def build_world(
     unknown = sorted(set(spec) - _KEYS)
     if unknown:
         raise BadInput(f"a world has no field '{unknown[0]}'", f"Known fields: {', '.join(sorted(_KEYS))}.")
-    if ("family" in spec) == ("mesh" in spec):
-        raise BadInput("a world is either a `family` or a `mesh`", "Give exactly one of the two.")
+    if sum(kind in spec for kind in ("family", "mesh", "file")) != 1:
+        raise BadInput("a world is either a `family` or a `mesh` or a `file`", "Give exactly one of them.")
+    if "file" in spec:
+        return _described(spec, worlds_dir)
     return _mesh(spec, worlds_dir) if "mesh" in spec else _family(spec, seed, clear_m)
 
 
@@ -91,9 +97,25 @@ def _family(spec: Mapping[str, Any], seed: int, clear_m: Sequence[Place]) -> Wor
     return replace(world, spec={**again, "difficulty": difficulty})
 
 
+def _folder(worlds_dir: Path | None) -> Path:
+    return worlds_dir or Path(os.environ.get(_ENV) or _SHARED)
+
+
+def _described(spec: Mapping[str, Any], worlds_dir: Path | None) -> World:
+    """The world of a world file, which is checked against its mesh; its spec names the mesh itself."""
+    from sim.worlds.fit import check_fit
+    from sim.worlds.world_file import find_world_file, read_world_file
+
+    folder = _folder(worlds_dir)
+    said = read_world_file(find_world_file(str(spec["file"]), folder), folder)
+    world = _mesh(said, Path(said["worlds_dir"]))
+    check_fit(world, said)
+    return world
+
+
 def _mesh(spec: Mapping[str, Any], worlds_dir: Path | None) -> World:
     name = str(spec["mesh"])
-    folder = worlds_dir or Path(os.environ.get(_ENV) or _SHARED)
+    folder = _folder(worlds_dir)
     path = folder / name
     if not path.is_file():
         source = _SOURCES.get(Path(name).parts[0] if Path(name).parts else "")
@@ -107,6 +129,24 @@ def _mesh(spec: Mapping[str, Any], worlds_dir: Path | None) -> World:
     except (TypeError, ValueError) as error:
         raise BadInput(f"the scale of '{name}' is {spec['scale']!r}", "Give metres per unit.") from error
     up = spec.get("up")
-    world = load_mesh(path, scale=scale, up=None if up is None else str(up).lower())
+    called = str(spec["name"]) if "name" in spec else None
+    world = load_mesh(path, scale=scale, up=None if up is None else str(up).lower(), name=called)
     again: dict[str, Any] = {"mesh": name, "scale": scale, "worlds_dir": str(folder)}
-    return replace(world, spec=again if up is None else {**again, "up": str(up).lower()})
+    again |= {key: spec[key] for key in ("name", "bounds", "start", "goals") if key in spec}
+    if up is not None:
+        again["up"] = str(up).lower()
+    region = _region(name, spec["bounds"]) if "bounds" in spec else world.region_m
+    return replace(world, spec=again, region_m=region)
+
+
+def _region(name: str, bounds: Any) -> Array:
+    """Bounds as an array (2, 3), odom [m]."""
+    try:
+        region = np.array(bounds, dtype=np.float64)
+    except (TypeError, ValueError):
+        region = np.zeros(0)
+    if region.shape != (2, 3) or not np.isfinite(region).all() or (region[0] >= region[1]).any():
+        raise BadInput(
+            f"the bounds of '{name}' are {bounds!r}", "Give [[x0, y0, z0], [x1, y1, z1]] in metres."
+        )
+    return region
