@@ -1,4 +1,4 @@
-"""Differential-drive rover: first-order wheel motors, tyre slip, encoders and power."""
+"""Differential-drive rover: first-order wheel motors, tyre slip, encoders, slopes and power."""
 
 from __future__ import annotations
 
@@ -8,26 +8,34 @@ from dataclasses import dataclass
 
 from labr_autonomy.config import RobotConfig
 
+GRAVITY_MPS2 = 9.80665
 TAU_S = 0.08  # motor with speed controller, step response to 63 %
 DRIVE_MPS2 = 3.0  # most the motors can do
 BRAKE_MPS2 = 7.0  # shorted motors on rubber tyres: friction coefficient of about 0.7 times g
 TICKS_PER_M = 4000.0
-SLIP_LOW, SLIP_HIGH = 0.005, 0.02  # steady part of each wheel, drawn once
-SLIP_NOISE = 0.005  # standard deviation of the slowly changing part
 SLIP_NOISE_TAU_S = 0.5
-BURST_PER_S = 0.05  # rate of spots where a tyre loses its grip
 BURST_S = 0.3
-BURST_SLIP = 0.08
 TABLE_SPEED_MPS = 0.6  # about what Table 3 drives: 7.5 m in 13.7 s
 FIXED_SHARE = 0.4  # of the rolling power, needed at any speed: drivers, gears
-EFFICIENCY = 0.6  # battery to wheel, while accelerating
+EFFICIENCY = 0.6  # battery to wheel, while accelerating or climbing
+
+
+@dataclass(frozen=True, slots=True)
+class Slip:
+    """Share of each wheel's motion that the ground does not get."""
+
+    steady_low: float = 0.005  # the steady part of each wheel is drawn once, between these
+    steady_high: float = 0.02
+    noise: float = 0.005  # standard deviation of the slowly changing part
+    burst_per_s: float = 0.05  # rate of spots where a rolling tyre loses its grip
+    burst_share: float = 0.08
 
 
 @dataclass(frozen=True, slots=True)
 class RoverState:
     """What the rover does after a step; body frame."""
 
-    v_mps: float  # true forward speed over ground
+    v_mps: float  # true forward speed over ground, along the slope
     w_rps: float  # true yaw rate over ground
     left_wheel_mps: float  # rim speeds, what the encoders see
     right_wheel_mps: float
@@ -42,75 +50,144 @@ class Rover:
     Args:
         config: Mass, track and power figures.
         seed: For the slip.
+        slip: Its figures.
+        tau_s: Time constant of the wheel motors [s].
     """
 
-    def __init__(self, config: RobotConfig, seed: int) -> None:
+    def __init__(self, config: RobotConfig, seed: int, slip: Slip | None = None, tau_s: float = TAU_S) -> None:
         self._track_m = config.body.track_m
         self._mass_kg = config.body.mass_kg
         self._idle_w = config.energy.idle_w
         self._rolling_w = config.energy.land_w - config.energy.idle_w
+        self._slip_model = slip or Slip()
+        self._tau_s = tau_s
         self._rng = random.Random(f"rover {seed}")
-        self._steady = [self._rng.uniform(SLIP_LOW, SLIP_HIGH) for _ in range(2)]
+        low, high = self._slip_model.steady_low, self._slip_model.steady_high
+        self._steady = (self._rng.uniform(low, high), self._rng.uniform(low, high))
         self._noise = [0.0, 0.0]
         self._burst_s = [0.0, 0.0]
-        self._wheel_mps = [0.0, 0.0]
-        self._path_m = [0.0, 0.0]
+        self._left_mps, self._right_mps = 0.0, 0.0
+        self._left_m, self._right_m = 0.0, 0.0
+        self._dt_s, self._reach, self._keep, self._spread = -1.0, 0.0, 0.0, 0.0
         self.state = RoverState(0.0, 0.0, 0.0, 0.0, 0, 0, self._idle_w)
 
+    @property
+    def steady_slip(self) -> tuple[float, float]:
+        """The drawn steady part of left and right wheel."""
+        return self._steady
+
+    @property
+    def still(self) -> bool:
+        """Whether both wheels stand."""
+        return self._left_mps == 0.0 and self._right_mps == 0.0
+
     def step(
-        self, dt: float, left_target_mps: float, right_target_mps: float, *, braked: bool = False
+        self,
+        dt: float,
+        left_target_mps: float,
+        right_target_mps: float,
+        *,
+        braked: bool = False,
+        sine: float = 0.0,
     ) -> RoverState:
-        """Advance by `dt` [s] with wheel targets [m/s]; `braked` stops the wheels as fast as tyres can."""
-        slip = self._slip(dt)
-        power_w = self._idle_w
-        for i, target in enumerate((left_target_mps, right_target_mps)):
-            before = self._wheel_mps[i]
-            after = _braked(before, dt) if braked else _driven(before, target, dt)
-            self._wheel_mps[i] = after
-            self._path_m[i] += 0.5 * (before + after) * dt
-            power_w += 0.5 * self._wheel_power(before, after, dt, braked)
-        ground = [speed * (1.0 - s) for speed, s in zip(self._wheel_mps, slip, strict=True)]
+        """Advance by `dt` [s].
+
+        Args:
+            dt: Step [s].
+            left_target_mps: What the left motor's controller aims for [m/s].
+            right_target_mps: The same of the right one.
+            braked: Stop the wheels as fast as tyres can.
+            sine: Rise per metre of way straight ahead, the sine of the slope; positive is uphill.
+        """
+        if self._left_mps == 0.0 and self._right_mps == 0.0:
+            if braked or (left_target_mps == 0.0 and right_target_mps == 0.0):
+                if self.state.watts != self._idle_w or self.state.v_mps or self.state.w_rps:
+                    self.state = self._rest()
+                return self.state
+        if dt != self._dt_s:
+            self._prepare(dt)
+        if braked:
+            left, right = (_braked(v, dt, sine) for v in (self._left_mps, self._right_mps))
+            power_w = self._idle_w
+        else:
+            left = self._driven(self._left_mps, left_target_mps, dt, sine)
+            right = self._driven(self._right_mps, right_target_mps, dt, sine)
+            power_w = self._idle_w + 0.5 * (
+                self._wheel_power(self._left_mps, left, dt, sine)
+                + self._wheel_power(self._right_mps, right, dt, sine)
+            )
+        self._left_m += 0.5 * (self._left_mps + left) * dt
+        self._right_m += 0.5 * (self._right_mps + right) * dt
+        self._left_mps, self._right_mps = left, right
+        ground_left = left * (1.0 - self._slip(0, dt))
+        ground_right = right * (1.0 - self._slip(1, dt))
         self.state = RoverState(
-            v_mps=0.5 * (ground[0] + ground[1]),
-            w_rps=(ground[1] - ground[0]) / self._track_m,
-            left_wheel_mps=self._wheel_mps[0],
-            right_wheel_mps=self._wheel_mps[1],
-            left_ticks=math.floor(self._path_m[0] * TICKS_PER_M),
-            right_ticks=math.floor(self._path_m[1] * TICKS_PER_M),
-            watts=power_w,
+            0.5 * (ground_left + ground_right),
+            (ground_right - ground_left) / self._track_m,
+            left,
+            right,
+            math.floor(self._left_m * TICKS_PER_M),
+            math.floor(self._right_m * TICKS_PER_M),
+            power_w,
         )
         return self.state
 
-    def _slip(self, dt: float) -> list[float]:
-        """Share of each wheel's motion that the ground does not get."""
-        keep = math.exp(-dt / SLIP_NOISE_TAU_S)
-        spread = SLIP_NOISE * math.sqrt(1.0 - keep * keep)
-        slip = []
-        for i in range(2):
-            self._noise[i] = keep * self._noise[i] + spread * self._rng.gauss(0.0, 1.0)
-            loses_grip = self._rng.random() < BURST_PER_S * dt
-            self._burst_s[i] = BURST_S if loses_grip else max(0.0, self._burst_s[i] - dt)
-            burst = BURST_SLIP if self._burst_s[i] > 0.0 else 0.0
-            slip.append(min(1.0, max(0.0, self._steady[i] + self._noise[i] + burst)))
-        return slip
+    def _rest(self) -> RoverState:
+        left, right = self.state.left_ticks, self.state.right_ticks
+        return RoverState(0.0, 0.0, 0.0, 0.0, left, right, self._idle_w)
 
-    def _wheel_power(self, before: float, after: float, dt: float, braked: bool) -> float:
-        """Twice one wheel's share of the drive power [W]; a standing or braked wheel needs none."""
+    def _prepare(self, dt: float) -> None:
+        """What depends on the step alone; the plant's never changes."""
+        self._dt_s = dt
+        self._reach = 1.0 - math.exp(-dt / self._tau_s)
+        self._keep = math.exp(-dt / SLIP_NOISE_TAU_S)
+        self._spread = self._slip_model.noise * math.sqrt(1.0 - self._keep * self._keep)
+
+    def _slip(self, i: int, dt: float) -> float:
+        """Share of a wheel's motion that the ground does not get."""
+        noise = self._noise[i] = self._keep * self._noise[i] + self._spread * self._rng.gauss(0.0, 1.0)
+        share = self._steady[i] + noise
+        if self._rng.random() < self._slip_model.burst_per_s * dt:
+            self._burst_s[i] = BURST_S
+        elif self._burst_s[i] > 0.0:
+            self._burst_s[i] = max(0.0, self._burst_s[i] - dt)
+        if self._burst_s[i] > 0.0:
+            share += self._slip_model.burst_share
+        return 0.0 if share < 0.0 else min(share, 1.0)
+
+    def _driven(self, speed_mps: float, target_mps: float, dt: float, sine: float) -> float:
+        """First-order approach, limited by what the motors can do beside gravity; exact for any `dt`.
+
+        Where they cannot climb they stall: the gears do not turn back.
+        """
+        wanted = (target_mps - speed_mps) * self._reach
+        pull = GRAVITY_MPS2 * sine
+        low, high = (-DRIVE_MPS2 - pull) * dt, (DRIVE_MPS2 - pull) * dt
+        after = speed_mps + (low if wanted < low else high if wanted > high else wanted)
+        if pull > DRIVE_MPS2 and speed_mps >= 0.0 and target_mps >= 0.0:
+            return max(after, 0.0)
+        if pull < -DRIVE_MPS2 and speed_mps <= 0.0 and target_mps <= 0.0:
+            return min(after, 0.0)
+        return after
+
+    def _wheel_power(self, before: float, after: float, dt: float, sine: float) -> float:
+        """Twice one wheel's share of the drive power [W]; a standing wheel needs none."""
         speed = abs(after)
-        if braked:
+        if speed == 0.0:
             return 0.0
-        awake = 1.0 - math.exp(-speed / 0.02)  # no step where the wheels begin to turn
+        awake = 1.0 if speed > 0.8 else 1.0 - math.exp(-speed / 0.02)  # no step where they begin to turn
         rolling = self._rolling_w * (FIXED_SHARE * awake + (1.0 - FIXED_SHARE) * speed / TABLE_SPEED_MPS)
-        pushed = self._mass_kg * (after - before) / dt * after / EFFICIENCY if dt > 0.0 else 0.0
-        return max(0.0, rolling + max(0.0, pushed))
+        gain = (after - before) / dt if dt > 0.0 else 0.0
+        weight_n = self._mass_kg * GRAVITY_MPS2 * sine
+        pushed = (self._mass_kg * gain + weight_n) * after
+        # What pushes back downhill spares the motors their losses first; it never charges the pack.
+        drawn = pushed / EFFICIENCY if pushed > 0.0 else min(0.0, weight_n * after) * EFFICIENCY
+        return max(0.0, rolling + drawn)
 
 
-def _driven(speed_mps: float, target_mps: float, dt: float) -> float:
-    """First-order approach, limited by what the motors can do; exact for any `dt`."""
-    wanted = (target_mps - speed_mps) * (1.0 - math.exp(-dt / TAU_S))
-    return speed_mps + max(-DRIVE_MPS2 * dt, min(DRIVE_MPS2 * dt, wanted))
-
-
-def _braked(speed_mps: float, dt: float) -> float:
-    step = BRAKE_MPS2 * dt
+def _braked(speed_mps: float, dt: float, sine: float) -> float:
+    """Tyres at their limit; uphill gravity helps, downhill it pushes."""
+    ahead = sine if speed_mps > 0.0 else -sine
+    friction = BRAKE_MPS2 * math.sqrt(1.0 - sine * sine) if sine else BRAKE_MPS2
+    step = (friction + GRAVITY_MPS2 * ahead) * dt
     return 0.0 if abs(speed_mps) <= step else speed_mps - math.copysign(step, speed_mps)

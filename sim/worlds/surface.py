@@ -5,7 +5,8 @@ that cylinder and the triangles; at or below zero they meet, by about that depth
 `on_floor`:
 
 - On the floor (standing, driving, lifting off, touching down), whatever lies lower than FLOOR_BAND_M above
-  the plane in which the wheels touch does not count: it is driven over or landed on.
+  the plane in which the wheels touch does not count: it is driven over or landed on. On a slope that plane
+  is tilted, and the cylinder is sheared along with it: its ends lie parallel to the slope.
 - In flight everything counts, the floor included.
 """
 
@@ -27,6 +28,9 @@ _CELL_M = 0.25
 _COLUMNS_MAX = 800
 _JITTER_M = 1e-3  # rays beside the edge that two triangles share, where a single ray can slip through
 _MARGIN_M = 1e-4
+_BESIDE_M = np.array([_JITTER_M, 0.3 * _JITTER_M], dtype=np.float32)
+_SLOPE_BASE_M = 0.12  # about half the wheels' base
+LEVEL = (0.0, 0.0)
 
 
 class Surface:
@@ -75,6 +79,7 @@ class Surface:
         on_floor: bool = False,
         radius_m: float | None = None,
         reach_m: float = REACH_M,
+        slope: tuple[float, float] = LEVEL,
     ) -> float:
         """Distance from the robot's outline to the nearest surface [m], at most `reach_m`; <= 0 is contact.
 
@@ -83,9 +88,11 @@ class Surface:
             on_floor: Leave out what lies lower than FLOOR_BAND_M above the plane of the wheels' contact.
             radius_m: Another radius than the body's.
             reach_m: Look no farther than this.
+            slope: Rise of the floor per metre east and per metre north, where the robot stands on it.
         """
         z = float(position_m[2])
-        low = z - self._body.below_m + (FLOOR_BAND_M if on_floor else 0.0)
+        steep = math.sqrt(1.0 + slope[0] * slope[0] + slope[1] * slope[1])
+        low = z - self._body.below_m * steep + (FLOOR_BAND_M if on_floor else 0.0)
         return float(
             cylinder_clearance(
                 self._triangles,
@@ -101,12 +108,53 @@ class Surface:
                 z + self._body.above_m,
                 on_floor,
                 reach_m,
+                slope[0],
+                slope[1],
             )
         )
 
     def free_place(self, position_m: Array, *, on_floor: bool = False) -> float:
-        """Clearance as above, but -1 where the position is inside a solid, however large the solid is."""
-        return -1.0 if self.inside(position_m) else self.clearance(position_m, on_floor=on_floor)
+        """Clearance as above, but -1 where the position is inside a solid, however large the solid is.
+
+        On the floor the plane of the wheels is the floor's own, so that a ramp is no obstacle.
+        """
+        if self.inside(position_m):
+            return -1.0
+        if not on_floor:
+            return self.clearance(position_m)
+        x, y, z = (float(v) for v in position_m)
+        return self.clearance(position_m, on_floor=True, slope=self.floor_slope(x, y, z))
+
+    def floor_slope(self, x_m: float, y_m: float, z_m: float) -> tuple[float, float]:
+        """Rise of the floor below a point per metre east and north; level where there is no even floor."""
+        side = _SLOPE_BASE_M
+        around = np.array([[side, 0.0], [-side, 0.0], [0.0, side], [0.0, -side], [0.0, 0.0]])
+        east, west, north, south, here = self.floors_below(around + [x_m, y_m], z_m).tolist()
+        uneven = max(abs(0.5 * (east + west) - here), abs(0.5 * (north + south) - here))
+        if not uneven < FLOOR_BAND_M:
+            return LEVEL
+        return 0.5 * (east - west) / side, 0.5 * (north - south) / side
+
+    def floors_below(self, points_m: Array, z_m: Array | float) -> Array:
+        """Height of the highest surface at or below each of some points [m, odom]; -inf without one.
+
+        Args:
+            points_m: (n, 2) x and y.
+            z_m: (n,) or one height from which to look down.
+        """
+        n = len(points_m)
+        origins = np.empty((2 * n, 3), dtype=np.float32)
+        origins[:n, :2] = points_m
+        origins[n:, :2] = points_m + _BESIDE_M
+        origins[:n, 2] = z_m
+        origins[n:, 2] = origins[:n, 2]
+        origins[:, 2] += _JITTER_M
+        down = np.zeros((2 * n, 3), dtype=np.float32)
+        down[:, 2] = -1.0
+        distance, _ = self._rays.first(origins, down)
+        heights = origins[:, 2].astype(np.float64) - distance
+        out: Array = np.maximum(heights[:n], heights[n:])
+        return out
 
     def floor_below(self, x_m: float, y_m: float, z_m: float) -> float:
         """Height of the highest surface at or below a point [m, odom]; -inf where there is none."""

@@ -22,32 +22,45 @@ def _dot(a: Any, b: Any) -> Any:
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _minus(a: Any, b: Any) -> Any:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _along(a: Any, step: Any, share: float) -> Any:
+    return a[0] + step[0] * share, a[1] + step[1] * share, a[2] + step[2] * share
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _closest_on_triangle(p: Any, a: Any, b: Any, c: Any) -> Any:
-    """Closest point of triangle abc to p, by its Voronoi regions (Ericson 2005, section 5.1.5)."""
-    ab, ac, ap = b - a, c - a, p - a
+    """Closest point of triangle abc to p, by its Voronoi regions (Ericson 2005, section 5.1.5).
+
+    Points are tuples of three: arrays would be allocated by the thousand.
+    """
+    ab, ac, ap = _minus(b, a), _minus(c, a), _minus(p, a)
     d1, d2 = _dot(ab, ap), _dot(ac, ap)
     if d1 <= 0.0 and d2 <= 0.0:
         return a
-    bp = p - b
+    bp = _minus(p, b)
     d3, d4 = _dot(ab, bp), _dot(ac, bp)
     if d3 >= 0.0 and d4 <= d3:
         return b
     vc = d1 * d4 - d3 * d2
     if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        return a + ab * (d1 / (d1 - d3)) if d1 > d3 else a
-    cp = p - c
+        return _along(a, ab, d1 / (d1 - d3)) if d1 > d3 else a
+    cp = _minus(p, c)
     d5, d6 = _dot(ab, cp), _dot(ac, cp)
     if d6 >= 0.0 and d5 <= d6:
         return c
     vb = d5 * d2 - d1 * d6
     if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        return a + ac * (d2 / (d2 - d6)) if d2 > d6 else a
+        return _along(a, ac, d2 / (d2 - d6)) if d2 > d6 else a
     va = d3 * d6 - d5 * d4
     if va <= 0.0 and d4 >= d3 and d5 >= d6:
         along = (d4 - d3) + (d5 - d6)
-        return b + (c - b) * ((d4 - d3) / along) if along > 0.0 else b
+        return _along(b, _minus(c, b), (d4 - d3) / along) if along > 0.0 else b
     total = va + vb + vc
-    return a + ab * (vb / total) + ac * (vc / total)
+    return _along(_along(a, ab, vb / total), ac, vc / total)
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -55,13 +68,15 @@ def _clip(polygon: Any, count: int, z_m: float, sign: float, out: Any) -> int:
     """Part of a convex polygon with sign*(z - z_m) >= 0; returns its number of corners."""
     kept = 0
     for i in range(count):
-        a, b = polygon[i], polygon[(i + 1) % count]
-        da, db = sign * (a[2] - z_m), sign * (b[2] - z_m)
+        j = (i + 1) % count
+        da, db = sign * (polygon[i, 2] - z_m), sign * (polygon[j, 2] - z_m)
         if da >= 0.0:
-            out[kept] = a
+            for k in range(3):
+                out[kept, k] = polygon[i, k]
             kept += 1
         if (da >= 0.0) != (db >= 0.0):
-            out[kept] = a + (b - a) * (da / (da - db))
+            for k in range(3):
+                out[kept, k] = polygon[i, k] + (polygon[j, k] - polygon[i, k]) * (da / (da - db))
             kept += 1
     return kept
 
@@ -85,19 +100,24 @@ def _flat_distance(polygon: Any, count: int, x: float, y: float) -> float:
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _separation(a: Any, b: Any, c: Any, axis: Any, radius: float, low: float, high: float) -> float:
     """Distance between a triangle and a cylinder that do not meet, by projecting to and fro (both convex)."""
-    q = np.array([axis[0], axis[1], 0.5 * (low + high)])
+    q = (axis[0], axis[1], 0.5 * (low + high))
     last = math.inf
     for _ in range(_ROUNDS):
         p = _closest_on_triangle(q, a, b, c)
         dx, dy = p[0] - axis[0], p[1] - axis[1]
         r = math.hypot(dx, dy)
         shrink = radius / r if r > radius else 1.0
-        q[0], q[1], q[2] = axis[0] + dx * shrink, axis[1] + dy * shrink, min(max(p[2], low), high)
+        q = (axis[0] + dx * shrink, axis[1] + dy * shrink, min(max(p[2], low), high))
         gap = math.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
         if last - gap < _TOLERANCE_M:
             return gap
         last = gap
     return last
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _corner(polygon: Any, i: int) -> Any:
+    return polygon[i, 0], polygon[i, 1], polygon[i, 2]
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -110,14 +130,24 @@ def _triangle_clearance(
     if inside > 0:
         flat = _flat_distance(two, inside, axis[0], axis[1]) - radius
         if flat <= 0.0:
-            bottom, top = two[:inside, 2].min(), two[:inside, 2].max()
+            bottom, top = two[0, 2], two[0, 2]
+            for i in range(1, inside):
+                bottom, top = min(bottom, two[i, 2]), max(top, two[i, 2])
             return max(flat, low - top, bottom - high)
     if not cut:
-        return _separation(triangle[0], triangle[1], triangle[2], axis, radius, low, high)
+        a, b, c = _corner(triangle, 0), _corner(triangle, 1), _corner(triangle, 2)
+        return _separation(a, b, c, axis, radius, low, high)
     best = math.inf
     for i in range(1, count - 1):
-        best = min(best, _separation(one[0], one[i], one[i + 1], axis, radius, low, high))
+        a, b, c = _corner(one, 0), _corner(one, i), _corner(one, i + 1)
+        best = min(best, _separation(a, b, c, axis, radius, low, high))
     return best
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _span(slope: float, first: float, last: float) -> Any:
+    """Highest and lowest value of a plane over an interval."""
+    return max(slope * first, slope * last), min(slope * first, slope * last)
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -135,6 +165,8 @@ def cylinder_clearance(
     high: float,
     cut: bool,
     reach: float,
+    east: float,
+    north: float,
 ) -> float:
     """Smallest clearance between an upright cylinder and all triangles [m], at most `reach`.
 
@@ -152,8 +184,11 @@ def cylinder_clearance(
         high: Its upper end in z [m].
         cut: Whether parts of triangles below `low` are left out.
         reach: Largest clearance of interest [m].
+        east: Slope of the floor, rise per metre in x; all heights are taken above the tilted plane.
+        north: The same in y.
     """
     nx, ny = shape
+    tilted = east != 0.0 or north != 0.0
     one, two, triangle = np.empty((6, 3)), np.empty((6, 3)), np.empty((3, 3))
     ix, iy = math.floor((axis[0] - corner[0]) / cell), math.floor((axis[1] - corner[1]) / cell)
     best = reach
@@ -168,11 +203,16 @@ def cylinder_clearance(
                     continue
                 for k in range(starts[i * ny + j], starts[i * ny + j + 1]):
                     t = members[k]
-                    if cut and boxes[t, 5] <= low:
+                    bottom, top = boxes[t, 2], boxes[t, 5]
+                    if tilted:
+                        over_x, under_x = _span(east, boxes[t, 0] - axis[0], boxes[t, 3] - axis[0])
+                        over_y, under_y = _span(north, boxes[t, 1] - axis[1], boxes[t, 4] - axis[1])
+                        bottom, top = bottom - over_x - over_y, top - under_x - under_y
+                    if cut and top <= low:
                         continue
                     dx = max(boxes[t, 0] - axis[0], axis[0] - boxes[t, 3], 0.0)
                     dy = max(boxes[t, 1] - axis[1], axis[1] - boxes[t, 4], 0.0)
-                    dz = max(boxes[t, 2] - high, low - boxes[t, 5], 0.0)
+                    dz = max(bottom - high, low - top, 0.0)
                     side = math.hypot(dx, dy) - radius
                     bound = math.hypot(max(side, 0.0), dz) if side > 0.0 or dz > 0.0 else side
                     if bound >= best:
@@ -180,6 +220,9 @@ def cylinder_clearance(
                     for a in range(3):
                         for b in range(3):
                             triangle[a, b] = triangles[t, a, b]
+                        if tilted:
+                            rise = east * (triangle[a, 0] - axis[0]) + north * (triangle[a, 1] - axis[1])
+                            triangle[a, 2] -= rise
                     found = _triangle_clearance(triangle, axis, radius, low, high, cut, one, two)
                     best = min(best, found)
     return best
