@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+from bisect import bisect_right
 
 from labr_autonomy.errors import BadInput
 
@@ -11,8 +11,8 @@ PACK_J = 547_000.0  # robot.yaml, Energy.pack_j: 8 Ah at 19 V
 RESISTANCE_OHM = 0.025  # five cells of 4 mOhm and the leads; usual for 8 Ah cells
 SETTLING_S = 0.05  # the bus capacitors and the cells' double layer keep the sag from following single steps
 # Open-circuit voltage of a lithium-polymer cell over its charge; the mean over the charge is 3.8 V.
-_CHARGE = np.array([0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
-_CELL_V = np.array([3.20, 3.50, 3.60, 3.68, 3.73, 3.76, 3.79, 3.84, 3.90, 3.97, 4.07, 4.18])
+_CHARGE = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+_CELL_V = (3.20, 3.50, 3.60, 3.68, 3.73, 3.76, 3.79, 3.84, 3.90, 3.97, 4.07, 4.18)
 
 
 class Battery:
@@ -50,7 +50,11 @@ class Battery:
     @property
     def open_circuit_v(self) -> float:
         """Voltage without load [V]."""
-        return CELLS * float(np.interp(self.remaining, _CHARGE, _CELL_V))
+        charge = self._left_j / self.pack_j
+        i = min(max(bisect_right(_CHARGE, charge), 1), len(_CHARGE) - 1)
+        a, b = _CHARGE[i - 1], _CHARGE[i]
+        low, high = _CELL_V[i - 1], _CELL_V[i]
+        return CELLS * (low + (high - low) * (charge - a) / (b - a))
 
     @property
     def used_j(self) -> float:

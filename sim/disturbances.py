@@ -53,16 +53,21 @@ class Disturbances:
     """Everything that disturbs a run. The plain value is still air with the usual errors of the robot."""
 
     vio: VioModel = field(default_factory=VioModel)
-    wind: Wind = Wind()
-    slip: Slip = Slip()
-    actuators: Actuators = Actuators()
-    battery: Pack = Pack()
+    wind: Wind = field(default_factory=Wind)
+    slip: Slip = field(default_factory=Slip)
+    actuators: Actuators = field(default_factory=Actuators)
+    battery: Pack = field(default_factory=Pack)
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
         for part in fields(self):
             for name, value in asdict(getattr(self, part.name)).items():
                 _check(f"{part.name}.{name}", value)
+        if self.slip.steady_low > self.slip.steady_high:
+            raise BadInput(
+                f"disturbances.slip.steady_low is {self.slip.steady_low:g}, more than steady_high",
+                f"Give at most {self.slip.steady_high:g}, or raise steady_high.",
+            )
 
     @staticmethod
     def none() -> Disturbances:
@@ -130,7 +135,7 @@ _WINDS = {
     "forest": Wind(mean_mps=1.0, gust_mps=0.8),
 }
 _SHARES = {"slip.steady_low", "slip.steady_high", "slip.burst_share", "battery.charge"}
-_POSITIVE = {"wind.time_constant_s", "actuators.wheel_tau_s", "battery.charge"}
+_POSITIVE = {"vio.drift_memory_m", "wind.time_constant_s", "actuators.wheel_tau_s", "battery.charge"}
 
 
 def _check(name: str, value: Any) -> None:

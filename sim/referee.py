@@ -20,7 +20,8 @@ AIRBORNE_M = 0.05
 class Referee:
     """Running account of the truth."""
 
-    contacts: int = 0
+    contacts: int = 0  # falls off an edge among them
+    falls: int = 0
     contact_places_m: list[list[float]] = field(default_factory=list)
     min_clearance_m: float = math.inf
     land_m: float = 0.0
@@ -36,7 +37,8 @@ class Referee:
         """Look at the plant after each of its steps."""
         state = plant.state
         self.min_clearance_m = min(self.min_clearance_m, plant.clearance_m)
-        if plant.clearance_m <= 0.0 and not self._touching:
+        if plant.falls > self.falls or (plant.clearance_m <= 0.0 and not self._touching):
+            self.falls = plant.falls
             self._touching = True
             self.contacts += 1
             self.contact_places_m.append([round(float(v), 3) for v in state.position_m])
@@ -74,6 +76,7 @@ class Referee:
         )
         account = {
             "contacts": self.contacts,
+            "falls": self.falls,
             "contact_places_m": self.contact_places_m,
             "min_clearance_m": None if math.isinf(self.min_clearance_m) else self.min_clearance_m,
             "land_m": self.land_m,

@@ -54,7 +54,9 @@ class Rover:
         tau_s: Time constant of the wheel motors [s].
     """
 
-    def __init__(self, config: RobotConfig, seed: int, slip: Slip | None = None, tau_s: float = TAU_S) -> None:
+    def __init__(
+        self, config: RobotConfig, seed: int, slip: Slip | None = None, tau_s: float = TAU_S
+    ) -> None:
         self._track_m = config.body.track_m
         self._mass_kg = config.body.mass_kg
         self._idle_w = config.energy.idle_w
@@ -99,11 +101,10 @@ class Rover:
             braked: Stop the wheels as fast as tyres can.
             sine: Rise per metre of way straight ahead, the sine of the slope; positive is uphill.
         """
-        if self._left_mps == 0.0 and self._right_mps == 0.0:
-            if braked or (left_target_mps == 0.0 and right_target_mps == 0.0):
-                if self.state.watts != self._idle_w or self.state.v_mps or self.state.w_rps:
-                    self.state = self._rest()
-                return self.state
+        if self.still and (braked or (left_target_mps == 0.0 and right_target_mps == 0.0)):
+            if self.state.watts != self._idle_w or self.state.v_mps or self.state.w_rps:
+                self.state = self._rest()
+            return self.state
         if dt != self._dt_s:
             self._prepare(dt)
         if braked:

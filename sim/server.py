@@ -77,9 +77,10 @@ class Simulator:
         folder = Path(spec.worlds_dir) if spec.worlds_dir else None
         self._world = build_world(spec.world, seed=spec.seed, clear_m=spec.keep_clear_m, worlds_dir=folder)
         self.surface = Surface(self._world, self.robot.body)
-        self.plant = Plant(self.robot, self.surface, spec.start, spec.seed)
+        disturbances = spec.drawn()
+        self.plant = Plant(self.robot, self.surface, spec.start, spec.seed, disturbances)
         self.referee = Referee()
-        self._vio = VioStandIn(spec.seed)
+        self._vio = VioStandIn(spec.seed, disturbances.vio)
         self._vio_remote = udp_address(links.vio)
         self._vio_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._vio_socket.setblocking(False)

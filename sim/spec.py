@@ -9,6 +9,7 @@ from typing import Any
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import BadInput
+from sim.disturbances import Disturbances
 
 Place = tuple[float, float, float]
 
@@ -25,6 +26,15 @@ class SimSpec:
     worlds_dir: str | None = None
     robot: RobotConfig = field(default_factory=RobotConfig)
     die_with_parent: bool = True
+    disturbances: dict[str, Any] | None = None  # as `Disturbances.from_dict` reads it; the world's usual ones
+
+    def drawn(self) -> Disturbances:
+        """What disturbs the run: the usual of its world, changed by what the spec says.
+
+        Raises:
+            BadInput: on an unknown field or a value that makes no sense.
+        """
+        return Disturbances.from_dict(self.disturbances or {}, Disturbances.for_world(self.world))
 
     @staticmethod
     def load(path: Path) -> SimSpec:

@@ -10,17 +10,11 @@ import enum
 import re
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Discriminator,
-    Field,
-    Tag,
-    field_validator,
-    model_validator,
-)
+from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 from pydantic_core import PydanticCustomError
+
+from labr_autonomy.mission.disturbances import Disturbances
+from labr_autonomy.mission.section import Section
 
 SPAN_M = 10_000.0  # no coordinate is farther from the origin than this
 AIR_GOAL_MIN_M = 0.4  # below this the rotors work in their own ground wash and the wheels do it better
@@ -29,14 +23,6 @@ PLACE_NAME = r"^[A-Za-z_][A-Za-z0-9_-]{0,39}$"
 
 Coordinate = Annotated[float, Field(ge=-SPAN_M, le=SPAN_M)]
 Corner = Annotated[tuple[Coordinate, Coordinate], Field(description="[x, y] in metres")]
-
-
-class Section(BaseModel):
-    """A part of the file; unknown keys are errors."""
-
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, populate_by_name=True, use_attribute_docstrings=True
-    )
 
 
 class GoalMode(enum.Enum):
@@ -339,6 +325,8 @@ class Sim(Section):
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 1
     """Seed of the world and of all noise; `--seed` wins over it."""
     start: Start = Start()
+    disturbances: Disturbances | None = None
+    """What disturbs the robot; by default what is usual in such a world."""
 
 
 class Expect(Section):
@@ -367,12 +355,12 @@ class Mission(Section):
     """What the run is called in logs and folders."""
     notes: Annotated[str, Field(max_length=10_000)] = ""
     """Free text."""
-    places: dict[PlaceName, Point] = {}
+    places: dict[PlaceName, Point] = Field(default={})
     """Named points."""
     items: Annotated[list[Item], Field(min_length=1, max_length=500)]
     """What to do, in turn."""
     limits: Limits = Limits()
-    fence: Annotated[list[Fence], Field(max_length=100)] = []
+    fence: list[Fence] = Field(default=[], max_length=100)
     """Regions to stay inside or outside of."""
     energy: EnergyPolicy = EnergyPolicy()
     sim: Sim | None = None

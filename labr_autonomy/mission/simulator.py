@@ -127,7 +127,7 @@ def simulator_spec(
             f"mission '{mission.name}' has no `sim` block, so there is no world to fly in",
             "Add one, or name the real robot with --robot robot.yaml",
         )
-    start = mission.sim.start
+    start, disturbances = mission.sim.start, mission.sim.disturbances
     return {
         "world": mission.sim.world.spec(),
         "seed": seed,
@@ -137,4 +137,5 @@ def simulator_spec(
         "worlds_dir": str(worlds_dir) if worlds_dir is not None else None,
         "robot": robot.model_dump(),
         "die_with_parent": die_with_parent,
+        "disturbances": disturbances.spec() if disturbances is not None else None,
     }

@@ -8,6 +8,7 @@ world's origin lies at latitude 0, longitude 0, height 0: east = R*longitude and
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import jsbsim
@@ -69,14 +70,19 @@ class Quad:
         if not model.load_model("labr_quad"):
             raise BadInput(f"JSBSim does not load the model labr_quad in {_ROOT}", "Reinstall the project.")
         self._model = model
-        nodes = model.get_property_manager()
         # A property looked up by its name costs 0.2 to 1.3 us, a kept node 0.05.
-        self._get = [nodes.get_node(name).get_double_value for name in _READ]
-        self._commands = [nodes.get_node(f"esc/cmd-norm[{i}]").set_double_value for i in _MOTORS]
-        self._volts = nodes.get_node("battery/volts").set_double_value
-        self._air = [nodes.get_node(f"atmosphere/wind-{way}-fps").set_double_value for way in _WAYS]
+        self._get = [self._node(name).get_double_value for name in _READ]
+        self._commands = [self._node(f"esc/cmd-norm[{i}]").set_double_value for i in _MOTORS]
+        self._volts = self._node("battery/volts").set_double_value
+        self._air = [self._node(f"atmosphere/wind-{way}-fps").set_double_value for way in _WAYS]
         self._state: QuadState | None = None
         self.reset(np.array([0.0, 0.0, 0.12]), 0.0)
+
+    def _node(self, name: str) -> jsbsim.FGPropertyNode:
+        node = self._model.get_property_manager().get_node(name)
+        if node is None:
+            raise BadInput(f"JSBSim's model has no property {name}", "Reinstall the project.")
+        return node
 
     @property
     def state(self) -> QuadState:
@@ -158,7 +164,7 @@ class Quad:
         """Terminal voltage of the pack [V]."""
         self._volts(volts)
 
-    def step(self, motor_commands: Array) -> QuadState:
+    def step(self, motor_commands: Array | Sequence[float]) -> QuadState:
         """Advance by one step.
 
         Args:

@@ -13,6 +13,7 @@ that cylinder and the triangles; at or below zero they meet, by about that depth
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,7 +130,7 @@ class Surface:
         """Rise of the floor below a point per metre east and north; level where there is no even floor."""
         side = _SLOPE_BASE_M
         around = np.array([[side, 0.0], [-side, 0.0], [0.0, side], [0.0, -side], [0.0, 0.0]])
-        east, west, north, south, here = self.floors_below(around + [x_m, y_m], z_m).tolist()
+        east, west, north, south, here = self.floors_below(around + np.array([x_m, y_m]), z_m).tolist()
         uneven = max(abs(0.5 * (east + west) - here), abs(0.5 * (north + south) - here))
         if not uneven < FLOOR_BAND_M:
             return LEVEL
@@ -209,7 +210,9 @@ class _Rays:
         self._scene = rtcore_scene.EmbreeScene()
         self._mesh = TriangleMesh(self._scene, triangles_m)
 
-    def first(self, origins_m: Array, directions: Array) -> tuple[Array, NDArray[np.int64]]:
+    def first(
+        self, origins_m: NDArray[np.floating[Any]], directions: NDArray[np.floating[Any]]
+    ) -> tuple[Array, NDArray[np.int64]]:
         """Distance to the first hit [m] (inf without one) and its triangle (-1 without one)."""
         found = self._scene.run(
             np.ascontiguousarray(origins_m, np.float32),

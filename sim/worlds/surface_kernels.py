@@ -145,9 +145,26 @@ def _triangle_clearance(
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _span(slope: float, first: float, last: float) -> Any:
-    """Highest and lowest value of a plane over an interval."""
-    return max(slope * first, slope * last), min(slope * first, slope * last)
+def _heights(bounds: Any, axis: Any, east: float, north: float) -> Any:
+    """Bounds in z of a box, above a plane through the axis with these slopes."""
+    if east == 0.0 and north == 0.0:
+        return bounds[2], bounds[5]
+    west_rise, east_rise = east * (bounds[0] - axis[0]), east * (bounds[3] - axis[0])
+    south_rise, north_rise = north * (bounds[1] - axis[1]), north * (bounds[4] - axis[1])
+    return (
+        bounds[2] - max(west_rise, east_rise) - max(south_rise, north_rise),
+        bounds[5] - min(west_rise, east_rise) - min(south_rise, north_rise),
+    )
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _sheared(corners: Any, axis: Any, east: float, north: float, out: Any) -> None:
+    """A triangle with its heights taken above that plane; vertical walls stay vertical and in place."""
+    for i in range(3):
+        for k in range(3):
+            out[i, k] = corners[i, k]
+        if east != 0.0 or north != 0.0:
+            out[i, 2] -= east * (out[i, 0] - axis[0]) + north * (out[i, 1] - axis[1])
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -188,7 +205,6 @@ def cylinder_clearance(
         north: The same in y.
     """
     nx, ny = shape
-    tilted = east != 0.0 or north != 0.0
     one, two, triangle = np.empty((6, 3)), np.empty((6, 3)), np.empty((3, 3))
     ix, iy = math.floor((axis[0] - corner[0]) / cell), math.floor((axis[1] - corner[1]) / cell)
     best = reach
@@ -203,11 +219,7 @@ def cylinder_clearance(
                     continue
                 for k in range(starts[i * ny + j], starts[i * ny + j + 1]):
                     t = members[k]
-                    bottom, top = boxes[t, 2], boxes[t, 5]
-                    if tilted:
-                        over_x, under_x = _span(east, boxes[t, 0] - axis[0], boxes[t, 3] - axis[0])
-                        over_y, under_y = _span(north, boxes[t, 1] - axis[1], boxes[t, 4] - axis[1])
-                        bottom, top = bottom - over_x - over_y, top - under_x - under_y
+                    bottom, top = _heights(boxes[t], axis, east, north)
                     if cut and top <= low:
                         continue
                     dx = max(boxes[t, 0] - axis[0], axis[0] - boxes[t, 3], 0.0)
@@ -217,12 +229,7 @@ def cylinder_clearance(
                     bound = math.hypot(max(side, 0.0), dz) if side > 0.0 or dz > 0.0 else side
                     if bound >= best:
                         continue
-                    for a in range(3):
-                        for b in range(3):
-                            triangle[a, b] = triangles[t, a, b]
-                        if tilted:
-                            rise = east * (triangle[a, 0] - axis[0]) + north * (triangle[a, 1] - axis[1])
-                            triangle[a, 2] -= rise
+                    _sheared(triangles[t], axis, east, north, triangle)
                     found = _triangle_clearance(triangle, axis, radius, low, high, cut, one, two)
                     best = min(best, found)
     return best
