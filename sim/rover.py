@@ -159,17 +159,15 @@ class Rover:
     def _driven(self, speed_mps: float, target_mps: float, dt: float, sine: float) -> float:
         """First-order approach, limited by what the motors can do beside gravity; exact for any `dt`.
 
-        Where they cannot climb they stall: the gears do not turn back.
+        Downhill they hold back as hard as the tyres can; where they cannot climb they stall, for the gears
+        do not turn back.
         """
-        wanted = (target_mps - speed_mps) * self._reach
-        pull = GRAVITY_MPS2 * sine
-        low, high = (-DRIVE_MPS2 - pull) * dt, (DRIVE_MPS2 - pull) * dt
-        after = speed_mps + (low if wanted < low else high if wanted > high else wanted)
-        if pull > DRIVE_MPS2 and speed_mps >= 0.0 and target_mps >= 0.0:
-            return max(after, 0.0)
-        if pull < -DRIVE_MPS2 and speed_mps <= 0.0 and target_mps <= 0.0:
-            return min(after, 0.0)
-        return after
+        ahead = 1.0 if speed_mps > 0.0 or (speed_mps == 0.0 and target_mps > 0.0) else -1.0
+        speed, aim, pull = ahead * speed_mps, ahead * target_mps, ahead * GRAVITY_MPS2 * sine
+        tyres = BRAKE_MPS2 * math.sqrt(1.0 - sine * sine) if sine else BRAKE_MPS2
+        slowest, fastest = max(-DRIVE_MPS2, -tyres - pull) * dt, (DRIVE_MPS2 - pull) * dt
+        after = speed + max(slowest, min(fastest, (aim - speed) * self._reach))
+        return ahead * (after if after > 0.0 or aim < 0.0 else 0.0)
 
     def _wheel_power(self, before: float, after: float, dt: float, sine: float) -> float:
         """Twice one wheel's share of the drive power [W]; a standing wheel needs none."""

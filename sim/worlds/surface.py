@@ -154,7 +154,9 @@ class Surface:
         down[:, 2] = -1.0
         distance, _ = self._rays.first(origins, down)
         heights = origins[:, 2].astype(np.float64) - distance
-        out: Array = np.maximum(heights[:n], heights[n:])
+        # The ray beside counts only where the first has slipped through a seam: on a slope it is off.
+        straight, beside = heights[:n], heights[n:]
+        out: Array = np.where(beside > straight + 2.0 * _JITTER_M, beside, straight)
         return out
 
     def floor_below(self, x_m: float, y_m: float, z_m: float) -> float:
