@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from labr_autonomy.config import Body
 from labr_autonomy.types import Array
-from sim.worlds.surface_kernels import cylinder_clearance
+from sim.worlds.surface_kernels import clear_of, cylinder_clearance, headrooms
 from sim.worlds.world import World
 
 FLOOR_BAND_M = 0.04  # what the wheels climb, and the unevenness of floors in meshes
@@ -112,6 +112,48 @@ class Surface:
                 slope[0],
                 slope[1],
             )
+        )
+
+    def clear(self, positions_m: Array, margin_m: float, *, on_floor: bool = False) -> NDArray[np.bool_]:
+        """Whether `clearance` is at least `margin_m` (above zero) at each of many positions (n, 3), (n,)."""
+        p = np.asarray(positions_m, dtype=np.float64).reshape(-1, 3)
+        low = p[:, 2] - self._body.below_m + (FLOOR_BAND_M if on_floor else 0.0)
+        high = p[:, 2] + self._body.above_m
+        out: NDArray[np.bool_] = clear_of(
+            *self.index, p[:, :2].copy(), self._body.radius_m, low, high, on_floor, margin_m
+        )
+        return out
+
+    def away(self, points_m: Array, distance_m: float) -> NDArray[np.bool_]:
+        """Whether no surface is nearer than `distance_m` to each of many points (n, 3), (n,)."""
+        p = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
+        z = p[:, 2].copy()
+        out: NDArray[np.bool_] = clear_of(*self.index, p[:, :2].copy(), 0.0, z, z, False, distance_m)
+        return out
+
+    def headrooms(self, points_m: Array, radius_m: float) -> NDArray[np.float64]:
+        """Height in odom up to which nothing is above a disc about points (n, 3), (n,); inf under the sky."""
+        p = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
+        out: NDArray[np.float64] = headrooms(*self.index, p[:, :2].copy(), radius_m, p[:, 2].copy())
+        return out
+
+    def near(self, low_m: Array, high_m: Array) -> NDArray[np.float32]:
+        """Triangles whose bounds meet a rectangle between corners (2,), seen from above; (k, 3, 3)."""
+        meets = (self._boxes[:, 0:2] <= high_m).all(axis=1) & (self._boxes[:, 3:5] >= low_m).all(axis=1)
+        out: NDArray[np.float32] = self._triangles[meets]
+        return out
+
+    @property
+    def index(self) -> tuple[Any, ...]:
+        """What the kernels of `surface_kernels` search in, in their order."""
+        return (
+            self._triangles,
+            self._boxes,
+            self._starts,
+            self._members,
+            self._shape,
+            self._corner,
+            self._cell,
         )
 
     def free_place(self, position_m: Array, *, on_floor: bool = False) -> float:

@@ -233,3 +233,104 @@ def cylinder_clearance(
                     found = _triangle_clearance(triangle, axis, radius, low, high, cut, one, two)
                     best = min(best, found)
     return best
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def clear_of(
+    triangles: NDArray[np.float32],
+    boxes: Floats,
+    starts: Ints,
+    members: Ints,
+    shape: tuple[int, int],
+    corner: Floats,
+    cell: float,
+    axes: Floats,
+    radius: float,
+    lows: Floats,
+    highs: Floats,
+    cut: bool,
+    margin: float,
+) -> NDArray[np.bool_]:
+    """Whether `cylinder_clearance` is at least `margin` for each cylinder (n,); stops at the first that is not.
+
+    A radius of zero and equal ends ask for the distance of points.
+    """
+    nx, ny = shape
+    one, two, triangle = np.empty((6, 3)), np.empty((6, 3)), np.empty((3, 3))
+    point = np.empty(3)
+    out = np.ones(len(axes), np.bool_)
+    reach = radius + margin
+    for p in range(len(axes)):
+        x, y, low, high = axes[p, 0], axes[p, 1], lows[p], highs[p]
+        point[0], point[1], point[2] = x, y, low
+        i0, i1 = math.floor((x - reach - corner[0]) / cell), math.floor((x + reach - corner[0]) / cell)
+        j0, j1 = math.floor((y - reach - corner[1]) / cell), math.floor((y + reach - corner[1]) / cell)
+        for i in range(max(i0, 0), min(i1, nx - 1) + 1):
+            for j in range(max(j0, 0), min(j1, ny - 1) + 1):
+                if not out[p]:
+                    break
+                for k in range(starts[i * ny + j], starts[i * ny + j + 1]):
+                    t = members[k]
+                    if boxes[t, 5] <= low - (0.0 if cut else margin) or boxes[t, 2] >= high + margin:
+                        continue
+                    dx = max(boxes[t, 0] - x, x - boxes[t, 3], 0.0)
+                    dy = max(boxes[t, 1] - y, y - boxes[t, 4], 0.0)
+                    if dx * dx + dy * dy >= reach * reach:
+                        continue
+                    for a in range(3):
+                        for b in range(3):
+                            triangle[a, b] = triangles[t, a, b]
+                    if radius == 0.0:
+                        q = _closest_on_triangle(point, triangle[0], triangle[1], triangle[2])
+                        gap = math.sqrt((q[0] - x) ** 2 + (q[1] - y) ** 2 + (q[2] - low) ** 2)
+                    else:
+                        gap = _triangle_clearance(triangle, axes[p], radius, low, high, cut, one, two)
+                    if gap < margin:
+                        out[p] = False
+                        break
+    return out
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def headrooms(
+    triangles: NDArray[np.float32],
+    boxes: Floats,
+    starts: Ints,
+    members: Ints,
+    shape: tuple[int, int],
+    corner: Floats,
+    cell: float,
+    axes: Floats,
+    radius: float,
+    lows: Floats,
+) -> Floats:
+    """Height up to which upright cylinders that begin at `lows` meet nothing, (n,) in z; inf under the sky.
+
+    A slanted triangle counts from its lowest corner above the beginning on: never too high.
+    """
+    nx, ny = shape
+    one, triangle = np.empty((6, 3)), np.empty((3, 3))
+    out = np.empty(len(axes))
+    for p in range(len(axes)):
+        x, y, low = axes[p, 0], axes[p, 1], lows[p]
+        best = math.inf
+        i0, i1 = math.floor((x - radius - corner[0]) / cell), math.floor((x + radius - corner[0]) / cell)
+        j0, j1 = math.floor((y - radius - corner[1]) / cell), math.floor((y + radius - corner[1]) / cell)
+        for i in range(max(i0, 0), min(i1, nx - 1) + 1):
+            for j in range(max(j0, 0), min(j1, ny - 1) + 1):
+                for k in range(starts[i * ny + j], starts[i * ny + j + 1]):
+                    t = members[k]
+                    if boxes[t, 5] <= low or boxes[t, 2] >= best:
+                        continue
+                    dx = max(boxes[t, 0] - x, x - boxes[t, 3], 0.0)
+                    dy = max(boxes[t, 1] - y, y - boxes[t, 4], 0.0)
+                    if dx * dx + dy * dy >= radius * radius:
+                        continue
+                    for a in range(3):
+                        for b in range(3):
+                            triangle[a, b] = triangles[t, a, b]
+                    count = _clip(triangle, 3, low, 1.0, one)
+                    if count > 0 and _flat_distance(one, count, x, y) < radius:
+                        best = min(best, one[:count, 2].min())
+        out[p] = best
+    return out
