@@ -24,6 +24,7 @@ NEAR_M = 0.25  # nearer to obstacles than this a metre costs more in the search
 NEAR_COST = 0.6  # by this part at the outline; not part of the energy that is reported
 GAIN = 1.001  # a straight cut may cost this much of what it replaces
 PLACE_SNAP_M = 0.2  # start and goal on land may be this far from a place of the grid
+LOW_M = -1e9  # below everything
 CELL_SNAP_M = 0.35  # and those in the air from a cell
 
 
@@ -99,9 +100,23 @@ class Router:
         self._ring = np.array([math.hypot(a, b) for a, b in RING])
 
     def route(
-        self, start_m: Array, goal_m: Array, *, start_in_air: bool = False, goal_in_air: bool = False
+        self,
+        start_m: Array,
+        goal_m: Array,
+        *,
+        start_in_air: bool = False,
+        goal_in_air: bool = False,
+        lift_to_m: float = LOW_M,
     ) -> Route | None:
-        """The way of least energy between two body origins (3,) odom; None where there is none."""
+        """The way of least energy between two body origins (3,) odom; None where there is none.
+
+        Args:
+            start_m: Where it begins.
+            goal_m: Where it ends.
+            start_in_air: The robot flies at the start.
+            goal_in_air: The robot is to fly at the goal.
+            lift_to_m: Height in odom that every take-off must have room for, where the pilot sets one.
+        """
         e = self.energy
         weights = Weights(
             land_m=e.land_j(1.0),
@@ -111,7 +126,7 @@ class Router:
             rise_m=0.0,
             near=NEAR_COST,
         )
-        return self._best(weights, start_m, goal_m, start_in_air, goal_in_air)
+        return self._best(weights, start_m, goal_m, start_in_air, goal_in_air, lift_to_m)
 
     def shortest_m(
         self, start_m: Array, goal_m: Array, *, start_in_air: bool = False, goal_in_air: bool = False
@@ -129,7 +144,13 @@ class Router:
         return self._free.land.nearest(place_m[:2], float(place_m[2]) - self._below_m, PLACE_SNAP_M)
 
     def _best(
-        self, w: Weights, start_m: Array, goal_m: Array, start_in_air: bool, goal_in_air: bool
+        self,
+        w: Weights,
+        start_m: Array,
+        goal_m: Array,
+        start_in_air: bool,
+        goal_in_air: bool,
+        lift_to_m: float = LOW_M,
     ) -> Route | None:
         start, goal = self.node(start_m, start_in_air), self.node(goal_m, goal_in_air)
         if start is None or goal is None:
@@ -146,6 +167,7 @@ class Router:
             self._over,
             self._below_m,
             LIFT_MIN_M,
+            lift_to_m,
             air.free,
             air.room_m,
             air.origin_m + 0.5 * air.cell_m,

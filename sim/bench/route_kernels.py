@@ -40,6 +40,7 @@ def search(
     over: Ints,
     body_z: float,
     lift_min: float,
+    lift_to: float,
     free: Any,
     air_room: Any,
     low: Floats,
@@ -70,6 +71,7 @@ def search(
         over: (n,) air column over every place.
         body_z: Body origin above the floor when it stands.
         lift_min: Least height of a hop above that.
+        lift_to: A take-off must have room up to this height and ends no lower than half a cell below it.
         free: (nx, ny, nz) cells to fly in.
         air_room: (nx, ny, nz) clearance in them.
         low: (3,) middle of the first cell.
@@ -130,7 +132,10 @@ def search(
                     )
                     heapq.heappush(heap, (then + left, np.int64(other)))
             stand = floor_z[node] + body_z
-            for k in range(max(0, math.ceil((stand + lift_min - low_z) / air_cell)), nz):
+            if top[node] < lift_to:
+                continue
+            least = max(stand + lift_min, lift_to - 0.5 * air_cell)
+            for k in range(max(0, math.ceil((least - low_z) / air_cell)), nz):
                 z = low_z + k * air_cell
                 if z > top[node]:
                     break

@@ -18,6 +18,7 @@ from sim.worlds.surface import FLOOR_BAND_M, Surface
 
 LAND_CELL_M = 0.1
 LAND_COLUMNS_MAX = 300_000
+HITS_MAX = 500_000  # floors and undersides together, over all decks
 AIR_CELL_M = 0.2
 AIR_CELLS_MAX = 2_000_000
 LAND_MARGIN_M = 0.05  # beyond the outline: half a cell, so that the way between two places is free as well
@@ -49,6 +50,7 @@ class LandLayer:
     top_m: NDArray[np.float32]  # (n,) height of the body to which it may lift off here
     beside: Ints  # (n, 8) neighbours that can be driven to, -1 where none
     island: Ints  # (n,) places with the same number are joined by driving
+    ground: NDArray[np.bool_]  # (n,) on floors, not on platforms
     reach: Ints  # (n,) places and air cells with the same number are joined by driving and flying
 
     @property
@@ -138,12 +140,15 @@ def standing(surface: Surface, config: RobotConfig, region_m: Array, margin_m: f
     """Every place where the outline can stand with `margin_m` to spare."""
     size = region_m[1, :2] - region_m[0, :2]
     cell = max(LAND_CELL_M, math.sqrt(float(size[0] * size[1]) / LAND_COLUMNS_MAX))
-    pad = math.ceil(SUPPORT_M / cell) + 1
-    nx, ny = (int(n) + 2 * pad for n in np.ceil(size / cell - 1e-6))
-    origin = region_m[0, :2] - pad * cell
-    column, z = kernels.column_hits(
-        surface.world.triangles_m, origin, cell, nx, ny, float(region_m[0, 2]) - 0.05, float(region_m[1, 2])
-    )
+    while True:
+        pad = math.ceil(SUPPORT_M / cell) + 1
+        nx, ny = (int(n) + 2 * pad for n in np.ceil(size / cell - 1e-6))
+        origin = region_m[0, :2] - pad * cell
+        low, high = float(region_m[0, 2]) - 0.05, float(region_m[1, 2])
+        column, z = kernels.column_hits(surface.world.triangles_m, origin, cell, nx, ny, low, high)
+        if len(z) <= HITS_MAX:
+            break
+        cell *= 1.02 * math.sqrt(len(z) / HITS_MAX)
     order = np.lexsort((z, column))
     column, z = column[order], z[order]
     # the upper of two surfaces that the wheels do not tell apart
@@ -226,6 +231,7 @@ def join(
         top.astype(np.float32),
         land.beside,
         land.island,
+        land.ground,
         reach[land.island] if len(land.island) else np.zeros(0, np.int32),
     )
     places = _starts(over_column[order].astype(np.int32), shape[0] * shape[1])

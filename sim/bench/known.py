@@ -1,0 +1,48 @@
+"""A world with everything that the bench knows about it, made once for the trials that share it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from labr_autonomy.config import RobotConfig
+from sim.bench.route import Router
+from sim.worlds.build import rebuild_world
+from sim.worlds.free_space import FreeSpace
+from sim.worlds.surface import Surface
+from sim.worlds.world import World
+
+_ASKED = ("start", "goals", "bounds")  # of a mesh world: what is asked of the robot, not what is built
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """A world, where a robot can be in it, and its ways."""
+
+    world: World
+    surface: Surface
+    free: FreeSpace
+    router: Router
+
+
+def know(spec: Mapping[str, Any], robot: RobotConfig) -> Known:
+    """Everything about the world of a spec (`World.spec`), from memory if it was asked for just before."""
+    return _know(json.dumps(dict(spec), sort_keys=True), robot)
+
+
+@lru_cache(maxsize=2)  # a trial's task and its oracle ask for the same one
+def _know(spec_json: str, robot: RobotConfig) -> Known:
+    spec = json.loads(spec_json)
+    asked = {key: spec[key] for key in _ASKED if key in spec}
+    world = rebuild_world({key: value for key, value in spec.items() if key not in asked})
+    world = replace(world, spec={**world.spec, **asked})
+    if "bounds" in asked:
+        world = replace(world, region_m=np.array(asked["bounds"], dtype=np.float64))
+    surface = Surface(world, robot.body)
+    free = FreeSpace(world, surface, robot)
+    return Known(world, surface, free, Router(free))
