@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labr_autonomy import __version__
+from labr_autonomy.commands.bench import bench, difficulty_option
 from labr_autonomy.errors import BadInput, ExitCode, LabrError
 
 if TYPE_CHECKING:
@@ -169,16 +170,61 @@ def check(
 
 
 @main.command()
-@_mission
+@click.argument("mission", type=_file, required=False)
 @_robot_body
 @_seed
 @_worlds
 @_out
-def sim(mission: Path, robot: Path | None, seed: int | None, worlds: Path | None, out: Path | None) -> None:
-    """Run the simulator of MISSION alone; it prints where its robot.yaml is. Ctrl-C ends it.
+@click.option("--family", metavar="F", help="A family of worlds: fly one trial of the benchmark in it.")
+@click.option("--world", type=_file, metavar="FILE.yaml", help="A mesh world: fly one trial in it.")
+@click.option("--method", metavar="M", help="Of the trial: two-stage (default), iplanner, mapping, oracle.")
+@difficulty_option
+@click.option("--show", is_flag=True, help="Draw the trial, and open the picture where there is a display.")
+def sim(
+    mission: Path | None,
+    robot: Path | None,
+    seed: int | None,
+    worlds: Path | None,
+    out: Path | None,
+    family: str | None,
+    world: Path | None,
+    method: str | None,
+    difficulty: float | None,
+    show: bool,
+) -> None:
+    """Run the simulator of MISSION alone, or fly one trial of the benchmark again.
 
-    Fly on it from another terminal with: labr-mission fly MISSION --robot .../robot.yaml
+    With MISSION it prints where its robot.yaml is, and Ctrl-C ends it; fly on it from another terminal with:
+    labr-mission fly MISSION --robot .../robot.yaml
+
+    With --family or --world it draws the trial of --seed, flies it in lock-step and tells how it went.
     """
+    if sum(given is not None for given in (mission, family, world)) != 1:
+        raise BadInput("sim takes one of MISSION, --family and --world", "Name exactly one of them")
+    if mission is None:
+        if worlds is not None:
+            raise BadInput("--worlds is for missions", "A world file names its mesh relative to itself")
+        from labr_autonomy.commands.replay import replay
+
+        replay(
+            family=family,
+            world=world,
+            seed=seed or 0,
+            method=method or "two-stage",
+            difficulty=difficulty,
+            robot=robot,
+            out=out,
+            show=show,
+        )
+        return
+    if method is not None or difficulty is not None or show:
+        raise BadInput("--method, --difficulty and --show are of a trial", "Name its --family or --world")
+    _serve_simulator(mission, robot, seed, worlds, out)
+
+
+def _serve_simulator(
+    mission: Path, robot: Path | None, seed: int | None, worlds: Path | None, out: Path | None
+) -> None:
     from labr_autonomy.config import RobotConfig
     from labr_autonomy.mission.load import load_mission, load_robot
     from labr_autonomy.mission.simulator import simulator_spec
@@ -198,6 +244,9 @@ def sim(mission: Path, robot: Path | None, seed: int | None, worlds: Path | None
     except KeyboardInterrupt:
         code = 0  # the usual way to end it
     click.get_current_context().exit(code)
+
+
+main.add_command(bench)
 
 
 @main.command()

@@ -1,0 +1,22 @@
+"""The paper's own figures, to print beside ours. Its robot, worlds and weights are not public."""
+
+from __future__ import annotations
+
+from typing import Any
+
+# Table I, "Goal Reached" [%] of 100 trials: SPN+LAPN is the paper's method, without both it is the baseline.
+GOAL_REACHED_PCT: dict[str, dict[str, float]] = {
+    "indoor": {"two-stage": 91.0, "iplanner": 86.0},
+    "rooms": {"two-stage": 76.0, "iplanner": 64.0},  # Matterport3D
+    "garage": {"two-stage": 96.0, "iplanner": 95.0},
+    "forest": {"two-stage": 96.0, "iplanner": 94.0},
+}
+
+# Table III, real robot, one run each: length on land and in the air [m], time [s], energy [J].
+TABLE_3: dict[tuple[str, str], dict[str, Any]] = {
+    ("land", "iplanner"): {"land_m": 7.5, "air_m": 0.0, "time_s": 13.7, "energy_j": 1161.44},
+    ("land", "mapping"): {"land_m": 10.7, "air_m": 0.0, "time_s": 19.2, "energy_j": 1544.41},
+    ("land", "two-stage"): {"land_m": 8.6, "air_m": 0.0, "time_s": 11.8, "energy_j": 1008.70},
+    ("air", "mapping"): {"land_m": 3.2, "air_m": 5.8, "time_s": 22.5, "energy_j": 17225.8},
+    ("air", "two-stage"): {"land_m": 7.2, "air_m": 1.4, "time_s": 28.7, "energy_j": 11010.7},
+}
