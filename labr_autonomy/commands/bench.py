@@ -90,6 +90,7 @@ def navigation(
     """
     from sim.bench.methods import find_methods
     from sim.bench.page import navigation_page
+    from sim.bench.run import write_results
     from sim.bench.settings import Settings
 
     methods = tuple(m.name for m in find_methods(method))
@@ -108,11 +109,40 @@ def navigation(
         tuple(arguments),
         load_robot_values(common["robot"]),
     )
-    findings, results = _carry_out(settings, common, navigation_page)
+    findings = _carry_out(settings, common)
+    results = findings.results()
+    write_results(findings.folder, results, navigation_page(results))
     if not common["no_pictures"]:
         from sim.bench.gallery import draw_navigation
 
         draw_navigation(findings, results)
+    _end(findings, results, as_json=common["as_json"])
+
+
+@bench.command()
+@click.option(
+    "--trials", type=click.IntRange(1, 10_000), default=10, metavar="N", help="Seeds for each task."
+)
+@click.option("--method", default="all", metavar="M[,M..]|all", help="two-stage, iplanner, mapping, oracle.")
+@_with_common
+def table3(trials: int, method: str, **common: Any) -> None:
+    """The paper's two tasks, beside its own figures.
+
+    A goal on the floor behind obstacles and a goal in the air out of sight, each flown with N seeds of noise.
+    """
+    from sim.bench.methods import find_methods
+    from sim.bench.run import write_results
+    from sim.bench.table3 import table3_page, table3_settings, table3_tasks, with_paper
+
+    methods = tuple(m.name for m in find_methods(method))
+    settings = table3_settings(methods, trials, common["seed"], load_robot_values(common["robot"]))
+    findings = _carry_out(settings, common, table3_tasks(settings))
+    results = with_paper(findings.results())
+    write_results(findings.folder, results, table3_page(results))
+    if not common["no_pictures"]:
+        from sim.bench.gallery import draw_ways
+
+        draw_ways(findings)
     _end(findings, results, as_json=common["as_json"])
 
 
@@ -157,12 +187,9 @@ def load_robot_values(path: Path | None) -> dict[str, Any] | None:
 
 
 def _carry_out(
-    settings: Settings,
-    common: dict[str, Any],
-    page: Callable[[dict[str, Any]], str],
-    fixed: dict[tuple[str, int], Task] | None = None,
-) -> tuple[Findings, dict[str, Any]]:
-    """Fly, and write the tables."""
+    settings: Settings, common: dict[str, Any], fixed: dict[tuple[str, int], Task] | None = None
+) -> Findings:
+    """Fly what is missing."""
     from labr_autonomy.commands.progress import show_progress
     from sim.bench import run
     from sim.bench.settings import open_folder
@@ -174,8 +201,7 @@ def _carry_out(
         return run.make_executor(jobs, common["cluster"], folder, capped=common["jobs"] is not None)
 
     with show_progress(quiet=common["as_json"]) as on_progress:
-        findings = run.run_bench(settings, folder, begin, on_progress, fixed)
-    return findings, run.write_findings(findings, page)
+        return run.run_bench(settings, folder, begin, on_progress, fixed)
 
 
 def _end(findings: Findings, results: dict[str, Any], *, as_json: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -38,7 +39,7 @@ def print_rows(rows: Sequence[Mapping[str, Any]]) -> None:
             number(row["spl"], 2),
             number(row["plan_cycle_ms"]["p50"], 1),
         )
-    console = Console(width=None if click.get_text_stream("stdout").isatty() else 140, markup=False)
+    console = Console(width=None if sys.stdout.isatty() else 140, markup=False)
     with console.capture() as captured:
         console.print(table)
     click.echo(captured.get().rstrip())

@@ -11,7 +11,6 @@ import faulthandler
 import multiprocessing
 import os
 import signal
-import sys
 import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -184,11 +183,11 @@ def _serve(pipe: Connection, work: Work, parent_pid: int, log_path: str) -> None
     log = os.open(log_path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
     for stream in (1, 2):  # native libraries write to these, and stdout belongs to --json
         os.dup2(log, stream)
-    faulthandler.enable(file=sys.__stderr__)
+    faulthandler.enable(file=2)
     with contextlib.suppress(EOFError):  # the parent has closed the pipe
         while True:
             job = pipe.recv()
-            faulthandler.dump_traceback_later(WALL_MAX_S, exit=True, file=sys.__stderr__)
+            faulthandler.dump_traceback_later(WALL_MAX_S, exit=True, file=2)
             finished = attempt(work, job)
             faulthandler.cancel_dump_traceback_later()
             pipe.send(finished)

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from labr_autonomy.record.pictures import AIR, FAINT, INK, LAND
+from labr_autonomy.record.pictures import FAINT, INK, LAND
 from sim.bench.methods import METHODS, ORACLE
 from sim.bench.paper import GOAL_REACHED_PCT
 from sim.bench.pictures import STYLE, draw_depth, draw_top, key, last_depth, png
@@ -31,20 +31,32 @@ def draw_navigation(findings: Findings, results: Mapping[str, Any]) -> None:
         findings: Of the run.
         results: As in results.json.
     """
-    folder = findings.folder
-    pictures = {"summary.png": summary_bars(results["rows"])}
+    _keep(findings, {"summary.png": summary_bars(results["rows"]), **_by_place(findings)})
+
+
+def draw_ways(findings: Findings) -> None:
+    """The same without the summary."""
+    _keep(findings, _by_place(findings))
+
+
+def _by_place(findings: Findings) -> dict[str, bytes | None]:
+    """Ways and failures of every place, by file name."""
+    pictures: dict[str, bytes | None] = {}
     for place in findings.settings.places:
-        methods = [m for m in (*findings.settings.methods, ORACLE) if m in METHODS]
         flown = {
-            m: flights(place.name, m, findings.tasks, findings.records, gated=findings.gated)
-            for m in dict.fromkeys(methods)
+            method: flights(place.name, method, findings.tasks, findings.records, gated=findings.gated)
+            for method in dict.fromkeys((*findings.settings.methods, ORACLE))
         }
         pictures[f"ways-{place.name}.png"] = ways(flown, place.name)
         pictures[f"failures-{place.name}.png"] = failures(flown, place.name)
+    return pictures
+
+
+def _keep(findings: Findings, pictures: Mapping[str, bytes | None]) -> None:
     drawn = {name: data for name, data in pictures.items() if data is not None}
     for name, data in drawn.items():
-        (folder / name).write_bytes(data)
-    with (folder / "results.md").open("a", encoding="utf-8") as page:
+        (findings.folder / name).write_bytes(data)
+    with (findings.folder / "results.md").open("a", encoding="utf-8") as page:
         page.write("\n## Pictures\n\n" + "".join(f"![{name[:-4]}]({name})\n\n" for name in drawn))
 
 

@@ -1,4 +1,4 @@
-"""Pictures of trials: the world from above, cut at driving height, and the true way; driven orange, flown blue."""
+"""Pictures of trials: the world from above, cut at driving height, and the true way."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def draw_top(axes: Axes, world: World, task: Task, result: TrialResult | None, *
     floors = np.union1d(floors, [task.start[3]])
     segments = outlines(world, floors)
     inside = (np.abs(segments - middle) < half * 1.05).all(axis=2).any(axis=1) | _long(segments)
-    axes.add_collection(LineCollection(segments[inside], colors=WALL, linewidths=0.8, zorder=2))
+    axes.add_collection(LineCollection(list(segments[inside]), colors=WALL, linewidths=0.8, zorder=2))
     draw_way(axes, places[:, :2], flown)
     axes.plot(*ends[0], "s", ms=6, mfc="white", mec=START, mew=1.6, zorder=6)
     axes.plot(*ends[1], "o", ms=8, mfc="white", mec=AIR if task.in_air else LAND, mew=1.8, zorder=6)

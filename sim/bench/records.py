@@ -41,7 +41,9 @@ def task_from_dict(values: Mapping[str, Any]) -> Task:
 
 def result_from_dict(values: Mapping[str, Any]) -> TrialResult:
     """A result as the journal keeps it."""
-    known = {k: math.nan if v is None and k in _RESULT_NUMBERS else v for k, v in values.items()}
+    known: dict[str, Any] = {
+        k: math.nan if v is None and k in _RESULT_NUMBERS else v for k, v in values.items()
+    }
     known["track"] = [tuple(point) for point in values["track"]]
     known["events"] = [tuple(event) for event in values["events"]]
     return TrialResult(**known)

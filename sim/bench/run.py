@@ -100,15 +100,13 @@ def run_bench(
         return Findings(settings, folder, campaign.tasks, records, gated=fixed is None)
 
 
-def write_findings(findings: Findings, page: Callable[[dict[str, Any]], str]) -> dict[str, Any]:
-    """Write results.json and results.md, and return the results.
+def write_results(folder: Path, results: Mapping[str, Any], page: str) -> None:
+    """Write results.json and results.md.
 
     Args:
-        findings: Of the run.
-        page: Makes results.md of them.
+        folder: The run folder.
+        results: As `Findings.results` gives them.
+        page: The same for a person, in Markdown.
     """
-    results = findings.results()
-    text = json.dumps(results, indent=1, allow_nan=False) + "\n"
-    write_whole(findings.folder / "results.json", text)
-    write_whole(findings.folder / "results.md", page(results))
-    return results
+    write_whole(folder / "results.json", json.dumps(results, indent=1, allow_nan=False) + "\n")
+    write_whole(folder / "results.md", page)

@@ -18,7 +18,7 @@ from sim.bench.jobs import Job
 from sim.bench.journal import Journal
 from sim.bench.page import navigation_page
 from sim.bench.records import Record, result_from_dict
-from sim.bench.run import run_bench, write_findings
+from sim.bench.run import run_bench, write_results
 from sim.bench.settings import Place, open_folder
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -301,8 +301,9 @@ def _processes(with_environment):
 
 def test_the_files_of_a_run(tmp_path):
     findings = fly(tmp_path / "run", fakes.Inline(fakes.fly), fakes.settings(seed=4, trials=4))
-    results = write_findings(findings, navigation_page)
-    assert json.loads((tmp_path / "run" / "results.json").read_text()) == results
+    results = findings.results()
+    write_results(findings.folder, results, navigation_page(results))
+    assert json.loads((tmp_path / "run" / "results.json").read_text()) == json.loads(json.dumps(results))
     page = (tmp_path / "run" / "results.md").read_text()
     for words in ("labr-mission bench navigation --family indoor", "## indoor", "Table I", "no way"):
         assert words in page
