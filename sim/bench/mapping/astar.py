@@ -43,6 +43,22 @@ def _guess(a: int, b: int, c: int) -> float:
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _traced(before: Any, end: int, ny: int, nz: int) -> Any:
+    """Cells (k, 3) of the way to a cell, from each cell's predecessor (-1 at the start)."""
+    steps = 1
+    at = end
+    while before[at] >= 0:
+        at = before[at]
+        steps += 1
+    way = np.empty((steps, 3), np.int64)
+    at = end
+    for k in range(steps - 1, -1, -1):
+        way[k, 0], way[k, 1], way[k, 2] = at // (ny * nz), (at // nz) % ny, at % nz
+        at = before[at]
+    return way
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
 def search(free: Any, price: Any, start: Any, goal: Any, greed: float, most: int) -> tuple[Any, bool, float]:
     """Cheapest way between two cells over faces, edges and corners.
 
@@ -82,16 +98,13 @@ def search(free: Any, price: Any, start: Any, goal: Any, greed: float, most: int
             gap, nearest = away, at
         if at == last:
             break
-        for dx in range(-1, 2):
-            for dy in range(-1, 2):
-                for dz in range(-1, 2):
-                    u, v, w = x + dx, y + dy, z + dz
-                    if u < 0 or v < 0 or w < 0 or u >= nx or v >= ny or w >= nz or not free[u, v, w]:
-                        continue
+        for u in range(max(x - 1, 0), min(x + 2, nx)):
+            for v in range(max(y - 1, 0), min(y + 2, ny)):
+                for w in range(max(z - 1, 0), min(z + 2, nz)):
                     to = (u * ny + v) * nz + w
-                    if done[to]:
+                    if done[to] or not free[u, v, w]:
                         continue
-                    length = math.sqrt(dx * dx + dy * dy + dz * dz)
+                    length = math.sqrt((u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2)
                     new = cost[at] + 0.5 * length * (price[x, y, z] + price[u, v, w])
                     if new < cost[to]:
                         cost[to] = new
@@ -99,17 +112,7 @@ def search(free: Any, price: Any, start: Any, goal: Any, greed: float, most: int
                         guess = _guess(u - goal[0], v - goal[1], w - goal[2])
                         heapq.heappush(heap, (new + greed * guess, to))
     end = last if done[last] else nearest
-    steps = 1
-    at = end
-    while before[at] >= 0:
-        at = before[at]
-        steps += 1
-    way = np.empty((steps, 3), np.int64)
-    at = end
-    for k in range(steps - 1, -1, -1):
-        way[k, 0], way[k, 1], way[k, 2] = at // (ny * nz), (at // nz) % ny, at % nz
-        at = before[at]
-    return way, bool(done[last]), cost[end]
+    return _traced(before, end, ny, nz), bool(done[last]), cost[end]
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
@@ -211,9 +214,9 @@ def way_on_map(
     begin = np.asarray(start_m, float)[None]
     points = np.vstack([begin, points[1:]]) if len(points) > 1 else np.vstack([begin, points])
     exact = np.asarray(goal_m, float)
-    if reached and whole and float(np.abs(goal - there).max()) <= 0.51:
-        if float(field.lookup(exact[None])[0]) > radius_m:
-            points[-1] = exact
+    in_cell = whole and float(np.abs(goal - there).max()) < 0.51
+    if reached and in_cell and float(field.lookup(exact[None])[0]) > radius_m:
+        points[-1] = exact
     return Way(points, bool(reached and found), float(cost) * field.cell_m)
 
 

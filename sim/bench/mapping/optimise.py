@@ -89,71 +89,102 @@ def _excess(x: float, y: float, most: float, out: Any) -> float:
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _beyond(value: float, low: float, high: float) -> float:
+    """By how much a value lies outside a range, signed."""
+    return value - high if value > high else min(value - low, 0.0)
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _roughness(q: Any, weight: float, grad: Any) -> float:
+    """Cost of the third differences, which are the jerk; adds to `grad`."""
+    total = 0.0
+    for i in range(len(q) - 3):
+        for k in range(3):
+            j = q[i + 3, k] - 3.0 * q[i + 2, k] + 3.0 * q[i + 1, k] - q[i, k]
+            total += weight * j * j
+            g = 2.0 * weight * j
+            grad[i + 3, k] += g
+            grad[i + 2, k] -= 3.0 * g
+            grad[i + 1, k] += 3.0 * g
+            grad[i, k] -= g
+    return total
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _nearness(
+    q: Any, samples: Any, values: Any, origin: Any, cell: float, keep: float, weight: float, grad: Any
+) -> float:
+    """Cost of samples of the curve that come closer to obstacles than `keep`; adds to `grad`."""
+    total = 0.0
+    p = np.empty(3)
+    slope = np.empty(3)
+    for i in range(len(q) - 3):
+        for s in range(len(samples)):
+            for k in range(3):
+                p[k] = 0.0
+                for m in range(4):
+                    p[k] += samples[s, m] * q[i + m, k]
+            short = keep - _distance(values, origin, cell, p, slope)
+            if short <= 0.0:
+                continue
+            total += weight * short * short / len(samples)
+            for k in range(3):
+                g = -2.0 * weight * short * slope[k] / len(samples)
+                for m in range(4):
+                    grad[i + m, k] += samples[s, m] * g
+    return total
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _haste(
+    q: Any, step: float, speed: float, up: float, down: float, most: float, weight: float, grad: Any
+) -> float:
+    """Cost of velocity and acceleration control points beyond the limits; adds to `grad`.
+
+    The curve's derivatives lie in the hull of these points, so that the limits hold on the curve as well.
+    """
+    total = 0.0
+    out = np.empty(2)
+    for i in range(len(q) - 1):
+        vx, vy, vz = (q[i + 1] - q[i]) / step
+        over = _beyond(vz, -down, up)
+        total += weight * (_excess(vx, vy, speed, out) + over * over)
+        for k in range(3):
+            g = weight * (out[k] if k < 2 else 2.0 * over) / step
+            grad[i + 1, k] += g
+            grad[i, k] -= g
+    for i in range(len(q) - 2):
+        ax, ay, az = (q[i + 2] - 2.0 * q[i + 1] + q[i]) / (step * step)
+        over = _beyond(az, -most, most)
+        total += weight * (_excess(ax, ay, most, out) + over * over)
+        for k in range(3):
+            g = weight * (out[k] if k < 2 else 2.0 * over) / (step * step)
+            grad[i + 2, k] += g
+            grad[i + 1, k] -= 2.0 * g
+            grad[i, k] += g
+    return total
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
 def cost(
-    q: Any, step: float, weights: Any, values: Any, origin: Any, cell: float, aims: Any
+    q: Any, step: float, samples: Any, values: Any, origin: Any, cell: float, aims: Any
 ) -> tuple[float, Any]:
     """Cost of control points (n, 3) and its gradient (n, 3).
 
     Args:
         q: Control points.
         step: Length of an interval.
-        weights: (s, 4) basis at the samples of an interval.
+        samples: (s, 4) basis at the samples of an interval.
         values: (nx, ny, nz) distance field; nz is 1 on land.
         origin: (3,) its lower corner.
         cell: Its cell [m].
         aims: (8,) the fields of `Aims` in order.
     """
     keep, speed, up, down, most, smooth, clear, limits = aims
-    n = len(q)
-    grad = np.zeros((n, 3))
-    total = 0.0
-    for i in range(n - 3):  # third differences: jerk
-        for k in range(3):
-            j = q[i + 3, k] - 3.0 * q[i + 2, k] + 3.0 * q[i + 1, k] - q[i, k]
-            total += smooth * j * j
-            g = 2.0 * smooth * j
-            grad[i + 3, k] += g
-            grad[i + 2, k] -= 3.0 * g
-            grad[i + 1, k] += 3.0 * g
-            grad[i, k] -= g
-    p = np.empty(3)
-    slope = np.empty(3)
-    for i in range(n - 3):
-        for s in range(len(weights)):
-            for k in range(3):
-                p[k] = 0.0
-                for m in range(4):
-                    p[k] += weights[s, m] * q[i + m, k]
-            short = keep - _distance(values, origin, cell, p, slope)
-            if short > 0.0:
-                total += clear * short * short / len(weights)
-                for k in range(3):
-                    g = -2.0 * clear * short * slope[k] / len(weights)
-                    for m in range(4):
-                        grad[i + m, k] += weights[s, m] * g
-    out = np.empty(2)
-    for i in range(n - 1):
-        vx, vy, vz = (q[i + 1] - q[i]) / step
-        total += limits * _excess(vx, vy, speed, out)
-        over = vz - up if vz > 0.0 else min(vz + down, 0.0)
-        if vz > 0.0:
-            over = max(over, 0.0)
-        total += limits * over * over
-        for k in range(2):
-            grad[i + 1, k] += limits * out[k] / step
-            grad[i, k] -= limits * out[k] / step
-        grad[i + 1, 2] += 2.0 * limits * over / step
-        grad[i, 2] -= 2.0 * limits * over / step
-    for i in range(n - 2):
-        ax, ay, az = (q[i + 2] - 2.0 * q[i + 1] + q[i]) / (step * step)
-        total += limits * _excess(ax, ay, most, out)
-        over = max(az - most, 0.0) if az > 0.0 else min(az + most, 0.0)
-        total += limits * over * over
-        for k in range(3):
-            g = limits * (out[k] if k < 2 else 2.0 * over) / (step * step)
-            grad[i + 2, k] += g
-            grad[i + 1, k] -= 2.0 * g
-            grad[i, k] += g
+    grad = np.zeros((len(q), 3))
+    total = _roughness(q, smooth, grad)
+    total += _nearness(q, samples, values, origin, cell, keep, clear, grad)
+    total += _haste(q, step, speed, up, down, most, limits, grad)
     return total, grad
 
 

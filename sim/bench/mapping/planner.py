@@ -36,7 +36,8 @@ MARGINS_M = (0.06, 0.0)  # of the way beyond the hard clearance; the next one wh
 GOAL_SNAP_M = 0.5
 UNDER_GOAL_M = 2.5  # how far from below an air goal the drive may end
 AT_END_M = 0.35
-AIR_HALF_M = (7.5, 7.5)
+AIR_HALF_M = (6.0, 6.0)  # crop of the map that a flight is planned in
+NEAR_HALF_M = (3.0, 3.0)  # and in which a kept one is checked between two plans
 AIR_GREED = 1.1
 LOWEST_M = 0.45  # of the body above the floor in flight, unless the goal is lower
 
@@ -73,11 +74,11 @@ class MappingPlanner:
             self._map.update(frame, request.frame_pose, request.floor_z_m)
             self._map.clear_robot(request.body_pose)
         self._forget(request)
-        field = self._field(request)
-        mapped_s = now()
-        made = self._still_good(request, field)
-        routed_s = now()
+        made = self._still_good(request)
+        mapped_s = routed_s = now()
         if made is None:
+            field = self._field(request, AIR_HALF_M)
+            mapped_s = now()
             self._way = self._search(request, field)
             routed_s = now()
             made = self._plan(request, field)
@@ -119,12 +120,12 @@ class MappingPlanner:
             self._planned_s = -math.inf
             self._way = None
 
-    def _field(self, request: PlanRequest) -> Field2 | Field3:
+    def _field(self, request: PlanRequest, half_m: tuple[float, float]) -> Field2 | Field3:
         if request.mode is Mode.LAND:
             return self._map.land_field(request.body_pose, request.floor_z_m)
         if self._map.frames == 0:
             self._map.clear_robot(request.body_pose)
-        return self._map.air_field(request.motion.position_m, AIR_HALF_M)
+        return self._map.air_field(request.motion.position_m, half_m)
 
     def _on_kept(self, request: PlanRequest) -> bool:
         """Whether the robot will be where the kept trajectory says."""
@@ -140,13 +141,13 @@ class MappingPlanner:
         verdict = judged(plan, field, hard_m, 2 if land else 3)
         return verdict.free, verdict.nearest_m
 
-    def _still_good(self, request: PlanRequest, field: Field2 | Field3) -> Made | None:
-        """The rest of the kept trajectory while it is young and clear."""
+    def _still_good(self, request: PlanRequest) -> Made | None:
+        """The rest of the kept trajectory while it is young and clear, as far as `NEAR_HALF_M` shows."""
         if request.start_s - self._planned_s >= REPLAN_S - 1e-6 or not self._on_kept(request):
             return None
         assert self._kept is not None
         rest = remaining(self._kept, request.start_s)
-        free, nearest_m = self._judge(request, rest, field)
+        free, nearest_m = self._judge(request, rest, self._field(request, NEAR_HALF_M))
         return Made(rest, nearest_m, self._kept_why) if free else None
 
     # ------------------------------------------------------------------ the way on the map
