@@ -1,7 +1,7 @@
 """Training data for GKPN: noisy depth views of generated worlds, poses and goals (`python -m sim.dataset`).
 
 The file is an .npz with the arrays of `labr_autonomy.gkpn.dataset.Views`. Images are cast directly at the
-network's 160x90, with intrinsics as if the robot's image had been resized to it.
+network's size (160x90 for GKPN), with intrinsics as if the robot's image had been resized to it.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from labr_autonomy.types import Array, Image
 from sim.worlds.primitives import Scene
 from sim.worlds.solids import Rng, generate_scene
 
-WIDTH, HEIGHT = 160, 90
+WIDTH, HEIGHT = 160, 90  # of the images unless said otherwise [px]
 BASELINE_M = 0.05  # D435i stereo baseline, D400 series datasheet
 START_CLEAR_M, GOAL_CLEAR_M = 0.38, 0.42  # free distance about a robot's and a goal's place
 BLOCKED_M = 0.32  # a straight line that comes closer than this to a solid counts as blocked
@@ -41,30 +41,39 @@ class DataConfig:
 
     scenes: int = 600
     views: int = 24  # of each scene
-    goals: int = 12  # of each view; half in the air, about half with a blocked straight line
+    goals: int = 12  # of each view; about half with a blocked straight line
     seed: int = 1
     airborne: float = 0.3  # share of views from the air
+    air_goals: bool = True  # half of the goals in the air; else all on land
+    width: int = WIDTH
+    height: int = HEIGHT
 
 
-def ray_grid(robot: RobotConfig) -> NDArray[np.float32]:
+def land_only(config: DataConfig) -> DataConfig:
+    """The same for a network that only drives: no view from the air, no goal in it."""
+    return replace(config, airborne=0.0, air_goals=False)
+
+
+def ray_grid(robot: RobotConfig, width: int, height: int) -> NDArray[np.float32]:
     """Directions (h*w, 3), camera-FLU, x = 1, so that the ray parameter is the depth along the axis."""
     camera = robot.camera
-    fx, fy = camera.fx * WIDTH / camera.width, camera.fy * HEIGHT / camera.height
-    cx, cy = camera.cx * WIDTH / camera.width, camera.cy * HEIGHT / camera.height
-    v, u = np.meshgrid(np.arange(HEIGHT) + 0.5, np.arange(WIDTH) + 0.5, indexing="ij")
+    fx, fy = camera.fx * width / camera.width, camera.fy * height / camera.height
+    cx, cy = camera.cx * width / camera.width, camera.cy * height / camera.height
+    v, u = np.meshgrid(np.arange(height) + 0.5, np.arange(width) + 0.5, indexing="ij")
     return (
         np.stack([np.ones_like(u), (cx - u) / fx, (cy - v) / fy], axis=-1).reshape(-1, 3).astype(np.float32)
     )
 
 
 class Caster:
-    """Depth images of one scene."""
+    """Depth images (height, width) of one scene."""
 
-    def __init__(self, scene: Scene, robot: RobotConfig) -> None:
+    def __init__(self, scene: Scene, robot: RobotConfig, width: int = WIDTH, height: int = HEIGHT) -> None:
         world = scene.world("view", {}, (30.0, 30.0))
         self._scene = rtcore_scene.EmbreeScene()
         TriangleMesh(self._scene, world.vertices_m, world.faces)
-        self._rays = ray_grid(robot)
+        self._rays = ray_grid(robot, width, height)
+        self._shape = (height, width)
         self._camera = robot.camera
 
     def depth(self, position_m: Array, rpy_rad: Array) -> Image:
@@ -75,7 +84,7 @@ class Caster:
         origins = np.tile(eye.astype(np.float32), (len(rays), 1))
         depth = self._scene.run(origins, rays, query="DISTANCE").astype(np.float32)
         depth[depth > self._camera.range_max_m] = 0.0
-        image: Image = depth.reshape(HEIGHT, WIDTH)
+        image: Image = depth.reshape(self._shape)
         return image
 
 
@@ -115,11 +124,12 @@ def _start(
 
 
 def _goals(
-    scene: Scene, size_m: tuple[float, float], pose: Array, count: int, robot: RobotConfig, rng: Rng
+    scene: Scene, size_m: tuple[float, float], pose: Array, config: DataConfig, robot: RobotConfig, rng: Rng
 ) -> Array | None:
-    """Free goals (count, 3) in the level frame, first half on land; None if there are too few."""
+    """Free goals (goals, 3) in the level frame, those on land first; None if there are too few."""
     tries = 128
-    air = np.arange(tries) >= tries // 2
+    on_land = tries // 2 if config.air_goals else tries
+    air = np.arange(tries) >= on_land
     r = rng.uniform(1.0, 9.0, tries)
     half_view = math.atan(robot.camera.cx / robot.camera.fx)
     bearing = np.where(rng.random(tries) < 0.85, 1.0, 1.7) * rng.uniform(-half_view, half_view, tries)
@@ -130,27 +140,29 @@ def _goals(
     odom = level @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + pose[:3]
     ok = (np.abs(odom[:, :2]) < np.array(size_m) / 2.0 - 0.4).all(axis=1)
     ok[ok] = scene.distance(odom[ok]) > GOAL_CLEAR_M
-    if min(ok[air].sum(), ok[~air].sum()) < 2:
+    kinds = [~air, air] if config.air_goals else [~air]
+    if min((ok & kind).sum() for kind in kinds) < 2:
         return None
     t = np.linspace(0.05, 1.0, 20)[:, None]
     line = pose[:3] + t * (odom[ok][:, None] - pose[:3])
     blocked = np.zeros(tries, dtype=bool)
     blocked[ok] = scene.distance(line).min(axis=1) < BLOCKED_M
-    chosen = []
-    for group in (ok & ~air, ok & air):
+    chosen, each = [], config.goals // len(kinds)
+    for kind in kinds:
+        group = ok & kind
         hard, easy = np.flatnonzero(group & blocked), np.flatnonzero(group & ~blocked)
-        for i in range(count // 2):
+        for i in range(each):
             pool = hard if (i % 2 == 0 and len(hard)) or not len(easy) else easy
             chosen.append(rng.choice(pool))
     goals = level[chosen]
-    goals[: count // 2, 2] -= rng.uniform(0.0, 0.05, count // 2)  # a land goal's height is not exact
+    goals[:each, 2] -= rng.uniform(0.0, 0.05, each)  # a land goal's height is not exact
     return goals
 
 
 def build(config: DataConfig, robot: RobotConfig) -> dict[str, Any]:
     """The arrays of one data set (see `labr_autonomy.gkpn.dataset.Views`)."""
     n = config.scenes * config.views
-    images = np.zeros((n, HEIGHT, WIDTH), dtype=np.float16)
+    images = np.zeros((n, config.height, config.width), dtype=np.float16)
     poses, goals = np.zeros((n, 6), np.float32), np.zeros((n, config.goals, 3), np.float32)
     scene_of, family_of = np.zeros(n, np.int32), []
     solids = np.zeros((config.scenes, MAX_ROWS, 8), np.float32)
@@ -164,10 +176,10 @@ def build(config: DataConfig, robot: RobotConfig) -> dict[str, Any]:
         scene = Scene(scene.rows[:MAX_ROWS])
         solids[k, : len(scene.rows)] = scene.rows
         family_of.append(family)
-        caster, done = Caster(scene, robot), 0
+        caster, done = Caster(scene, robot, config.width, config.height), 0
         while done < config.views:
             pose = _start(scene, size, robot, rng.random() < config.airborne, rng)
-            found = None if pose is None else _goals(scene, size, pose, config.goals, robot, rng)
+            found = None if pose is None else _goals(scene, size, pose, config, robot, rng)
             if pose is None or found is None:
                 continue
             i = k * config.views + done
@@ -195,9 +207,12 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=standard.scenes)
     parser.add_argument("--views", type=int, default=standard.views)
     parser.add_argument("--seed", type=int, default=standard.seed)
+    parser.add_argument("--size", type=int, nargs=2, default=(standard.width, standard.height), help="[px]")
+    parser.add_argument("--land", action="store_true", help="views and goals on land only")
     a = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    config = DataConfig(scenes=a.scenes, views=a.views, seed=a.seed)
+    config = DataConfig(scenes=a.scenes, views=a.views, seed=a.seed, width=a.size[0], height=a.size[1])
+    config = land_only(config) if a.land else config
     np.savez(a.out, **build(config, RobotConfig()))
 
 

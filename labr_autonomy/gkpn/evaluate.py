@@ -10,11 +10,10 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from labr_autonomy.gkpn.dataset import FLOOR_HEIGHT_M, Views
 from labr_autonomy.gkpn.losses import LossConfig, goal_distance, losses
-from labr_autonomy.gkpn.network import Gkpn
 
 REACHED_M = 0.5  # paper, table 1
 NEAR_M = 2.0  # how far the robot gets before it plans anew, generously
@@ -31,17 +30,18 @@ def straight_line(depth_m: Tensor, goal_m: Tensor) -> tuple[Tensor, Tensor]:
     return goal_m[:, None, :] * share, torch.zeros(len(goal_m), 1)
 
 
-def network_planner(net: Gkpn) -> Planner:
+def network_planner(net: nn.Module) -> Planner:
     """A network as a planner; k goals in a row per image."""
 
     def plan(depth_m: Tensor, goal_m: Tensor) -> tuple[Tensor, Tensor]:
-        return net.plan(net.encode(depth_m), goal_m)
+        points, logit = net.plan(net.encode(depth_m), goal_m)
+        return points, logit
 
     return plan
 
 
 def evaluate(plan: Planner, views: Views, config: LossConfig, batch: int = 96) -> Figures:
-    """Figures over four goals of each view: two on land, two in the air, one of each behind something."""
+    """Figures over four goals of each view, two of each half; every other one lies behind something."""
     g = views.goals_m.shape[1]
     pick = torch.tensor([0, 1, g // 2, g // 2 + 1])
     rows: dict[str, list[Tensor]] = {}
@@ -64,15 +64,17 @@ def _judge(plan: Planner, views: Views, index: Tensor, pick: Tensor, config: Los
     hit = (out.distance_m < config.collide_m) | (rise < -FLOOR_HEIGHT_M)
     flat = (out.path_m[:, 1:, :2] - out.path_m[:, :-1, :2]).norm(dim=-1)
     run = torch.cumsum((out.path_m[:, 1:] - out.path_m[:, :-1]).norm(dim=-1), dim=1)
+    hit_near = (hit[:, 1:] & (run < NEAR_M)).any(dim=1)
     lifted = (rise > LIFTED_M).float()
     first = torch.where(lifted.any(dim=1), lifted.argmax(dim=1), torch.tensor(rise.shape[1] - 1))
     along = torch.cumsum(torch.nn.functional.pad(flat, (1, 0)), dim=1)
     return {
         "free": (~hit.any(dim=1)).float(),
-        "free_near": (~(hit[:, 1:] & (run < NEAR_M)).any(dim=1)).float(),
+        "free_near": (~hit_near).float(),
         "error": goal_distance(points[:, -1], goal, floor + 0.2),
         "mu": torch.sigmoid(logit[:, 0]),
         "hit": out.collides[:, 0],
+        "hit_near": hit_near.float(),
         "air": (goal[:, 2] > floor + 0.2).float(),
         "airborne": (floor < -0.2).float(),
         "range": goal[:, :2].norm(dim=1),
@@ -102,10 +104,15 @@ def _summarise(r: dict[str, np.ndarray]) -> Figures:
     air, flying = r["air"] > 0.5, r["airborne"] > 0.5
     far = air & ~flying & (r["range"] > FAR_M)
     trusted = r["mu"] < 0.5
+    rise = [round(float(v), 3) for v in r["key_rise"][far].mean(axis=0)] if far.any() else None
 
     def mean(name: str, where: np.ndarray) -> float | None:
         values = (reached if name == "reached" else r[name])[where]
         return round(float(values.mean()), 4) if len(values) else None
+
+    def median(name: str, where: np.ndarray) -> float | None:
+        values = r[name][where]
+        return round(float(np.median(values)), 4) if len(values) else None
 
     return {
         "paths": len(everything),
@@ -118,13 +125,14 @@ def _summarise(r: dict[str, np.ndarray]) -> Figures:
         "collision_free_from_air": mean("free", flying),
         "collision_free_1_3m": mean("free", r["range"] < 3.0),
         "collision_free_7_9m": mean("free", r["range"] > 7.0),
-        "goal_error_land_median_m": round(float(np.median(r["error"][~air])), 4),
-        "goal_error_air_median_m": round(float(np.median(r["error"][air])), 4),
+        "goal_error_land_median_m": median("error", ~air),
+        "goal_error_air_median_m": median("error", air),
         "fear_auc": auc(r["mu"], r["hit"]),
+        "fear_auc_first_2m": auc(r["mu"], r["hit_near"]),
         "accepted_mu_below_half": round(float(trusted.mean()), 4),
         "collision_free_accepted": mean("free", trusted),
         "land_goals_flown_to": mean("lifted", ~air & ~flying),
         "far_air_goals_lifted": mean("lifted", far),
-        "far_air_lift_at_share_of_way": round(float(np.median(r["lift_at"][far])), 4),
-        "far_air_key_point_rise_m": [round(float(v), 3) for v in r["key_rise"][far].mean(axis=0)],
+        "far_air_lift_at_share_of_way": median("lift_at", far),
+        "far_air_key_point_rise_m": rise,
     }

@@ -10,6 +10,7 @@ from typing import Any
 
 import safetensors.torch
 import torch
+from torch import nn
 
 from labr_autonomy.gkpn.dataset import Views
 from labr_autonomy.gkpn.evaluate import evaluate, network_planner, straight_line
@@ -51,9 +52,19 @@ def export(net: Gkpn, folder: Path, validation: Views, loss: LossConfig, facts: 
     )
 
 
-def onnx_bytes(net: Gkpn) -> bytes:
-    """The network as one ONNX file for a batch of one."""
-    example = (torch.ones(1, 1, HEIGHT, WIDTH), torch.tensor([[2.0, 0.5, 0.0]]))
+def onnx_bytes(
+    net: nn.Module, height: int = HEIGHT, width: int = WIDTH, *, keep_names: bool = False
+) -> bytes:
+    """The network as one ONNX file for a batch of one.
+
+    Args:
+        net: With the call (depth (1, 1, height, width), goal (1, 3)) -> (key points, mu).
+        height: Of the image [px].
+        width: Of the image [px].
+        keep_names: Leave every tensor as it is under its own name, instead of folding the batch norms away.
+    """
+    example = (torch.ones(1, 1, height, width), torch.tensor([[2.0, 0.5, 0.0]]))
+    mode = torch.onnx.TrainingMode.PRESERVE if keep_names else torch.onnx.TrainingMode.EVAL
     buffer = io.BytesIO()
     with warnings.catch_warnings():  # the TorchScript exporter is kept on purpose: it needs no onnxscript
         warnings.simplefilter("ignore")
@@ -64,6 +75,8 @@ def onnx_bytes(net: Gkpn) -> bytes:
             input_names=["depth", "goal"],
             output_names=["points", "mu"],
             opset_version=OPSET,
+            training=mode,
+            do_constant_folding=not keep_names,
             dynamo=False,
         )
     return buffer.getvalue()

@@ -1,4 +1,4 @@
-"""GKPN in flight: ONNX Runtime on one thread; torch is never imported here."""
+"""A planning network in flight, GKPN above all: ONNX Runtime on one thread; torch is never imported here."""
 
 from __future__ import annotations
 
@@ -11,29 +11,31 @@ import onnxruntime
 
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.errors import BadInput
-from labr_autonomy.gkpn.package import ONNX_NAME, packaged_dir, read_manifest, read_verified
+from labr_autonomy.gkpn.package import ONNX_NAME, REMEDY, packaged_dir, read_manifest, read_verified
 from labr_autonomy.gkpn.resample import network_image
 from labr_autonomy.types import Array, Image, Intrinsics
 
 GOAL_RANGE_M = 9.0  # farthest goal of the training data; farther ones are drawn in to it
 
 
-class GkpnOnnx:
-    """The trained network.
+class PlanningOnnx:
+    """A trained network with inputs `depth`, `goal` and outputs `points`, `mu`.
 
     Args:
-        weights_dir: Folder with gkpn.onnx and manifest.json; the packaged one by default. A file whose
-            sha256 is not the manifest's is refused with `BadInput`.
+        folder: With the model and manifest.json. A file whose sha256 is not the manifest's is refused with
+            `BadInput`.
+        name: Of the model's file.
+        remedy: What to do about weights that are refused.
     """
 
-    def __init__(self, weights_dir: Path | None = None) -> None:
-        folder = weights_dir or packaged_dir()
-        self.manifest: dict[str, Any] = read_manifest(folder)
+    def __init__(self, folder: Path, name: str, remedy: str = REMEDY) -> None:
+        self.manifest: dict[str, Any] = read_manifest(folder, remedy)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 3
-        model = read_verified(folder, ONNX_NAME)
+        model = read_verified(folder, name, remedy)
         self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        self._height, self._width = (int(n) for n in self._session.get_inputs()[0].shape[2:])
         self._clock = SystemClock()
         camera = Intrinsics(16, 9, 8.0, 8.0, 8.0, 4.5)
         self.predict(np.ones((9, 16), np.float32), camera, np.ones(3))  # compiles and allocates before flight
@@ -61,11 +63,22 @@ class GkpnOnnx:
                 f"the goal {goal_level_m!r} is not three finite numbers", "Pass x, y, z in metres."
             )
         feed = {
-            "depth": network_image(depth_m, intrinsics)[None, None],
+            "depth": network_image(depth_m, intrinsics, self._width, self._height)[None, None],
             "goal": drawn_in(goal)[None].astype(np.float32),
         }
         points, mu = self._session.run(["points", "mu"], feed)
         return points[0].astype(np.float64), float(mu[0, 0]), self._clock.now_s() - began_s
+
+
+class GkpnOnnx(PlanningOnnx):
+    """The trained GKPN.
+
+    Args:
+        weights_dir: Folder with gkpn.onnx and manifest.json; the packaged one by default.
+    """
+
+    def __init__(self, weights_dir: Path | None = None) -> None:
+        super().__init__(weights_dir or packaged_dir(), ONNX_NAME)
 
 
 def drawn_in(goal_m: Array) -> Array:

@@ -31,6 +31,12 @@ class LossConfig:
     soften_m: float = 0.05  # scale of penetration in the logarithm
     floor_slack_m: float = 0.02  # how far under the driving height costs nothing
 
+    def losses(
+        self, points_m: Tensor, logit: Tensor, goal_m: Tensor, pose: Tensor, solids: Tensor, floor_m: Tensor
+    ) -> Losses:
+        """All terms for a batch; see `losses`."""
+        return losses(points_m, logit, goal_m, pose, solids, floor_m, self)
+
 
 @dataclass(frozen=True, slots=True)
 class Losses:

@@ -30,6 +30,10 @@ class NetworkConfig:
     fear_hidden: int = 64
     key_points: int = 5  # n
 
+    def build(self) -> Gkpn:
+        """A fresh network."""
+        return Gkpn(self)
+
 
 def _conv(inputs: int, outputs: int, size: int, stride: int = 1) -> nn.Sequential:
     """Convolution with batch norm."""

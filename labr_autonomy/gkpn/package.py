@@ -1,4 +1,7 @@
-"""The weights' folder: gkpn.onnx, gkpn.safetensors and manifest.json, which holds the sha256 of both."""
+"""The weights' folder: gkpn.onnx, gkpn.safetensors and manifest.json, which holds the sha256 of both.
+
+The benchmark's iPlanner keeps its one file in a folder of the same kind.
+"""
 
 from __future__ import annotations
 
@@ -26,44 +29,46 @@ def sha256_hex(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def read_manifest(weights_dir: Path) -> dict[str, Any]:
+def read_manifest(weights_dir: Path, remedy: str = REMEDY) -> dict[str, Any]:
     """The manifest, refused in one sentence when it is missing, unreadable or of another format."""
     path = weights_dir / MANIFEST_NAME
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise BadInput(f"the network's manifest {path} cannot be read ({error.strerror})", REMEDY) from None
+        raise BadInput(f"the network's manifest {path} cannot be read ({error.strerror})", remedy) from None
     except ValueError as error:
-        raise BadInput(f"the network's manifest {path} is not JSON ({error})", REMEDY) from None
+        raise BadInput(f"the network's manifest {path} is not JSON ({error})", remedy) from None
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
-        raise BadInput(f"the network's manifest {path} is not of format {FORMAT}", REMEDY)
+        raise BadInput(f"the network's manifest {path} is not of format {FORMAT}", remedy)
     return manifest
 
 
-def read_verified(weights_dir: Path, name: str) -> bytes:
+def read_verified(weights_dir: Path, name: str, remedy: str = REMEDY) -> bytes:
     """Content of a weights file whose sha256 is the manifest's; anything else is refused."""
-    files = read_manifest(weights_dir).get("files", {})
+    files = read_manifest(weights_dir, remedy).get("files", {})
     expected = files.get(name, {}).get("sha256")
     if not expected:
-        raise BadInput(f"the network's manifest in {weights_dir} does not list {name}", REMEDY)
+        raise BadInput(f"the network's manifest in {weights_dir} does not list {name}", remedy)
     path = weights_dir / name
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise BadInput(f"the network's weights {path} cannot be read ({error.strerror})", REMEDY) from None
+        raise BadInput(f"the network's weights {path} cannot be read ({error.strerror})", remedy) from None
     found = sha256_hex(content)
     if found != expected:
         raise BadInput(
             f"the network's weights {path} are damaged: sha256 {found[:12]}, not {expected[:12]} as listed",
-            REMEDY,
+            remedy,
         )
     return content
 
 
-def write_manifest(weights_dir: Path, facts: dict[str, Any]) -> None:
-    """Write the manifest for the files that are in the folder, with further facts."""
+def write_manifest(
+    weights_dir: Path, facts: dict[str, Any], names: tuple[str, ...] = (ONNX_NAME, TENSORS_NAME)
+) -> None:
+    """Write the manifest for the named files of the folder, with further facts."""
     files = {}
-    for name in (ONNX_NAME, TENSORS_NAME):
+    for name in names:
         content = (weights_dir / name).read_bytes()
         files[name] = {"sha256": sha256_hex(content), "bytes": len(content)}
     text = json.dumps({"format": FORMAT, "files": files, **facts}, indent=1)

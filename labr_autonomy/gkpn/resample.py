@@ -1,4 +1,4 @@
-"""A depth image of any pinhole camera as the network's camera would see it (160x90, 90 x 59 degrees).
+"""A depth image of any pinhole camera as the network's camera would see it (GKPN: 160x90, 90 x 59 degrees).
 
 Area resampling: each network pixel is the mean of the valid depths in the rectangle it covers of the
 source image. Invalid pixels (0, not finite, out of range) take no part; what the source does not see is 0.
@@ -48,12 +48,15 @@ def _means(depth_m: Image, rows: Array, columns: Array, range_m: float, least: f
     return out
 
 
-def network_image(depth_m: Image, intrinsics: Intrinsics) -> Image:
-    """Depth (h, w) [m] to (90, 160) [m], 0 = invalid."""
+def network_image(
+    depth_m: Image, intrinsics: Intrinsics, width: int = WIDTH, height: int = HEIGHT
+) -> Image:
+    """Depth (h, w) [m] to (height, width) [m] of the same view, 0 = invalid."""
     h, w = depth_m.shape
+    kx, ky = width / WIDTH, height / HEIGHT
     # An image of another size than its intrinsics say is the same view, scaled.
     sx, sy = w / intrinsics.width, h / intrinsics.height
-    columns = _edges(WIDTH, FX, CX, intrinsics.fx * sx, intrinsics.cx * sx)
-    rows = _edges(HEIGHT, FY, CY, intrinsics.fy * sy, intrinsics.cy * sy)
+    columns = _edges(width, FX * kx, CX * kx, intrinsics.fx * sx, intrinsics.cx * sx)
+    rows = _edges(height, FY * ky, CY * ky, intrinsics.fy * sy, intrinsics.cy * sy)
     out: Image = _means(np.ascontiguousarray(depth_m, np.float32), rows, columns, RANGE_M, VALID_SHARE)
     return out

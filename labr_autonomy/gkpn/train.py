@@ -1,5 +1,7 @@
 """Training GKPN (`python -m labr_autonomy.gkpn.train`): imperative learning by the losses alone, no labels.
 
+The loop trains any network and loss of `labr_autonomy.gkpn.learner`, the benchmark's iPlanner among them.
+
 Deterministic by seed (each step draws from a generator seeded by run seed and step), so a run that resumes
 from its checkpoint sees the data it would have seen.
 """
@@ -15,14 +17,15 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.gkpn import dataset
 from labr_autonomy.gkpn.dataset import Views
 from labr_autonomy.gkpn.evaluate import evaluate, network_planner, straight_line
-from labr_autonomy.gkpn.losses import LossConfig, Losses, losses
-from labr_autonomy.gkpn.network import Gkpn, NetworkConfig
+from labr_autonomy.gkpn.learner import Loss, NetworkSpec
+from labr_autonomy.gkpn.losses import LossConfig, Losses
+from labr_autonomy.gkpn.network import NetworkConfig
 
 CHECKPOINT = "checkpoint.pt"  # network, optimiser, step, and the settings of every stretch of the run
 log = logging.getLogger(__name__)
@@ -41,10 +44,11 @@ class TrainConfig:
     clip: float = 10.0  # gradient norm
     seed: int = 0
     threads: int = 2
+    bfloat16: bool = True  # of the convolutions; False where the processor only emulates it
     save_every: int = 250
     check_every: int = 1000
-    network: NetworkConfig = field(default_factory=NetworkConfig)
-    loss: LossConfig = field(default_factory=LossConfig)
+    network: NetworkSpec = field(default_factory=NetworkConfig)
+    loss: Loss = field(default_factory=LossConfig)
 
 
 def rate_at(step: int, config: TrainConfig) -> float:
@@ -56,7 +60,7 @@ def rate_at(step: int, config: TrainConfig) -> float:
     return config.rate * (0.001 + 0.999 * 0.5 * (1.0 + math.cos(math.pi * min(share, 1.0))))
 
 
-def step_losses(net: Gkpn, views: Views, step: int, config: TrainConfig) -> Losses:
+def step_losses(net: nn.Module, views: Views, step: int, config: TrainConfig) -> Losses:
     """Forward pass of one step: random views and goals, half of them mirrored left to right."""
     draw = torch.Generator().manual_seed(config.seed * 10_000_019 + step)
     index = torch.randint(0, len(views), (config.batch,), generator=draw)
@@ -68,26 +72,27 @@ def step_losses(net: Gkpn, views: Views, step: int, config: TrainConfig) -> Loss
     image[:half] = image[:half].flip(-1)
     mirror = torch.ones(len(each), 3)
     mirror[: half * config.goals, 1] = -1.0
-    with torch.autocast("cpu", dtype=torch.bfloat16):
+    with torch.autocast("cpu", dtype=torch.bfloat16, enabled=config.bfloat16):
         features = net.encode(image.contiguous(memory_format=torch.channels_last))
         points, logit = net.plan(features, goal * mirror)
     points = points.float() * mirror[:, None]
     solids = views.solids[views.scene[each]]
-    return losses(points, logit.float(), goal, views.poses[each], solids, views.floor_m(each), config.loss)
+    return config.loss.losses(points, logit.float(), goal, views.poses[each], solids, views.floor_m(each))
 
 
 def _holes(image: Tensor, draw: torch.Generator) -> Tensor:
     """Knock out random patches, besides the holes the data already has."""
     keep = torch.rand(len(image), 1, 9, 16, generator=draw) > 0.02
-    return image * keep.repeat_interleave(10, dim=2).repeat_interleave(10, dim=3)
+    tall, wide = image.shape[2] // 9, image.shape[3] // 16
+    return image * keep.repeat_interleave(tall, dim=2).repeat_interleave(wide, dim=3)
 
 
-def train(training: Views, validation: Views, run_dir: Path, config: TrainConfig) -> Gkpn:
+def train(training: Views, validation: Views, run_dir: Path, config: TrainConfig) -> nn.Module:
     """Train, with checkpoints in `run_dir`, resuming from the last one there; returns the network."""
     torch.set_num_threads(config.threads)
     torch.manual_seed(config.seed)
     run_dir.mkdir(parents=True, exist_ok=True)
-    net: Gkpn = Gkpn(config.network).to(memory_format=torch.channels_last)
+    net = config.network.build().to(memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), lr=config.rate, weight_decay=config.decay)
     checkpoint, first, history = run_dir / CHECKPOINT, 0, list[dict[str, Any]]()
     if checkpoint.exists():
@@ -97,7 +102,7 @@ def train(training: Views, validation: Views, run_dir: Path, config: TrainConfig
         first, history = int(state["step"]), state["history"]
     if first < config.steps:
         history.append({"from_step": first, **asdict(config)})
-    log.info("straight line %s", json.dumps(evaluate(straight_line, validation, config.loss)))
+    log.info("straight line %s", json.dumps(evaluate(straight_line, validation, LossConfig())))
     clock = SystemClock()
     began_s, sums = clock.now_s(), dict[str, float]()
     for step in range(first, config.steps):
@@ -117,14 +122,14 @@ def train(training: Views, validation: Views, run_dir: Path, config: TrainConfig
             sums.clear()
             _save(checkpoint, net, optimiser, done, history)
         if done % config.check_every == 0 or done == config.steps:
-            figures = evaluate(network_planner(net.eval()), validation, config.loss)
+            figures = evaluate(network_planner(net.eval()), validation, LossConfig())
             log.info("validation %s", json.dumps(figures))
     net.eval()
     return net
 
 
 def _save(
-    path: Path, net: Gkpn, optimiser: torch.optim.Optimizer, step: int, history: list[dict[str, Any]]
+    path: Path, net: nn.Module, optimiser: torch.optim.Optimizer, step: int, history: list[dict[str, Any]]
 ) -> None:
     """Write the checkpoint in one move, so that a stopped run leaves a whole one."""
     fresh = path.with_suffix(".new")
@@ -144,7 +149,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=standard.steps)
     parser.add_argument("--seed", type=int, default=standard.seed)
     parser.add_argument("--threads", type=int, default=standard.threads)
-    parser.add_argument("--energy", type=float, default=standard.loss.energy)
+    parser.add_argument("--energy", type=float, default=LossConfig().energy)
     a = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     loss = LossConfig(energy=a.energy)
@@ -161,7 +166,7 @@ def main() -> None:
             "data": training.facts(),
             "validation": validation.facts(),
         }
-        export(net, a.weights, validation, config.loss, facts)
+        export(net, a.weights, validation, loss, facts)
 
 
 if __name__ == "__main__":
