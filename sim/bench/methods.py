@@ -23,6 +23,8 @@ class Method:
     title: str  # for pictures
     land_only: bool  # it is not sent to goals in the air
     sentence: str  # for people who read a table
+    sees: bool = True  # it is shown the camera's images
+    true_pose: bool = False  # it is given the true pose, without noise, drift or delay
 
     def suits(self, in_air: bool) -> bool:
         """Whether it is sent to a goal of this kind."""
@@ -59,6 +61,8 @@ METHODS: dict[str, Method] = {
             land_only=False,
             sentence="knows the whole world and takes the route of least energy: what the task costs at "
             "best; a task that it does not reach is not counted for the others",
+            sees=False,
+            true_pose=True,
         ),
     )
 }
@@ -78,6 +82,17 @@ def find_methods(names: str) -> list[Method]:
         what = f"there is no method '{unknown[0]}'" if unknown else "no method is named"
         raise BadInput(what, f"Take {', '.join(METHODS)}, several with commas, or all")
     return [method for method in METHODS.values() if method.name in asked]
+
+
+def find_method(name: str) -> Method:
+    """One method.
+
+    Raises:
+        BadInput: for a name that is not in the registry.
+    """
+    if name not in METHODS:
+        raise BadInput(f"there is no planner for the method '{name}'", f"Take one of {', '.join(METHODS)}")
+    return METHODS[name]
 
 
 def make_planner(name: str, config: RobotConfig, task: Task) -> Planner:
@@ -104,4 +119,4 @@ def make_planner(name: str, config: RobotConfig, task: Task) -> Planner:
         from sim.bench.oracle import OraclePlanner
 
         return OraclePlanner(config, task)
-    raise BadInput(f"there is no method '{name}'", f"Take one of {', '.join(METHODS)}")
+    raise BadInput(f"there is no planner for the method '{name}'", f"Take one of {', '.join(METHODS)}")

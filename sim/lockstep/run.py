@@ -13,6 +13,7 @@ from labr_autonomy.clock import cpu_s
 from labr_autonomy.config import RobotConfig
 from sim.camera.process import Eye
 from sim.camera.renderer import Renderer, make_renderer
+from sim.disturbances import Disturbances
 from sim.lockstep.flight import LockstepFlight
 from sim.lockstep.planner import Planner
 from sim.lockstep.trial import REACHED_M, Outcome, Task, Trial, TrialResult
@@ -21,6 +22,16 @@ from sim.vio import VioModel, VioStandIn
 from sim.worlds.build import rebuild_world
 from sim.worlds.surface import Surface
 from sim.worlds.world import World
+
+# What the filter makes of it is the truth to a millimetre; sigmas of nothing would be no measurement.
+TRUE_POSE = VioModel(
+    delay_s=0.0,
+    position_sigma_m=1e-4,
+    rotation_sigma_rad=1e-4,
+    velocity_sigma_mps=1e-3,
+    drift_share=0.0,
+    yaw_drift_rad_per_m=0.0,
+)
 
 
 class Stage:
@@ -78,9 +89,9 @@ def fly_with(
         true_pose: Give it the true pose without noise, drift or delay (the oracle's privilege).
     """
     stage = Stage.of(task.world, robot)
-    plant = Plant(robot, stage.surface, task.start, task.seed)
-    model = VioModel(0.0, 1e-4, 1e-4, 1e-3, 0.0, 0.0) if true_pose else VioModel()
-    vio = VioStandIn(task.seed, model)
+    disturbances = Disturbances.for_world(task.world)
+    plant = Plant(robot, stage.surface, task.start, task.seed, disturbances)
+    vio = VioStandIn(task.seed, TRUE_POSE if true_pose else disturbances.vio)
     eye = Eye(stage.renderer, robot.camera, seed=task.seed) if sees else None
     flight = LockstepFlight(robot, plant, vio, eye, planner, task.goal_m, task.in_air, task.seed)
     began_s = cpu_s()
