@@ -38,6 +38,7 @@ def voxelise(triangles: Any, origin: Floats, cell: float, out: Bits) -> None:
             empty = empty or low[k] > high[k]
         if empty:
             continue
+        at_a, at_b, at_c = (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2])
         u, v = b - a, c - a
         n0, n1, n2 = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
         reach = 0.5 * cell * (abs(n0) + abs(n1) + abs(n2)) * (1.0 + 1e-6)
@@ -59,7 +60,7 @@ def voxelise(triangles: Any, origin: Floats, cell: float, out: Bits) -> None:
                     p[2] = origin[2] + (k + 0.5) * cell
                     if abs(level + n2 * (p[2] - a[2])) > reach:
                         continue
-                    q = _closest_on_triangle(p, a, b, c)
+                    q = _closest_on_triangle((p[0], p[1], p[2]), at_a, at_b, at_c)
                     gap = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
                     if gap <= half_diagonal * half_diagonal * (1.0 + 1e-6):
                         out[i, j, k] = True

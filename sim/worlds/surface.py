@@ -114,13 +114,20 @@ class Surface:
             )
         )
 
-    def clear(self, positions_m: Array, margin_m: float, *, on_floor: bool = False) -> NDArray[np.bool_]:
-        """Whether `clearance` is at least `margin_m` (above zero) at each of many positions (n, 3), (n,)."""
+    def clear(
+        self, positions_m: Array, margin_m: float, *, on_floor: bool = False, slopes: Array | None = None
+    ) -> NDArray[np.bool_]:
+        """Whether `clearance` is at least `margin_m` (above zero) at each of many positions (n, 3), (n,).
+
+        `slopes` (n, 2) are the floor's rises per metre east and north under each; level when left out.
+        """
         p = np.asarray(positions_m, dtype=np.float64).reshape(-1, 3)
-        low = p[:, 2] - self._body.below_m + (FLOOR_BAND_M if on_floor else 0.0)
+        slant = np.zeros((len(p), 2)) if slopes is None else np.ascontiguousarray(slopes, np.float64)
+        steep = np.sqrt(1.0 + (slant * slant).sum(axis=1))
+        low = p[:, 2] - self._body.below_m * steep + (FLOOR_BAND_M if on_floor else 0.0)
         high = p[:, 2] + self._body.above_m
         out: NDArray[np.bool_] = clear_of(
-            *self.index, p[:, :2].copy(), self._body.radius_m, low, high, on_floor, margin_m
+            *self.index, p[:, :2].copy(), self._body.radius_m, low, high, on_floor, margin_m, slant
         )
         return out
 
@@ -128,7 +135,7 @@ class Surface:
         """Whether no surface is nearer than `distance_m` to each of many points (n, 3), (n,)."""
         p = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
         z = p[:, 2].copy()
-        out: NDArray[np.bool_] = clear_of(*self.index, p[:, :2].copy(), 0.0, z, z, False, distance_m)
+        out: NDArray[np.bool_] = clear_of(*self.index, p[:, :2].copy(), 0.0, z, z, False, distance_m, np.zeros((len(p), 2)))
         return out
 
     def headrooms(self, points_m: Array, radius_m: float) -> NDArray[np.float64]:

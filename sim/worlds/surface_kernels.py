@@ -250,19 +250,19 @@ def clear_of(
     highs: Floats,
     cut: bool,
     margin: float,
+    slopes: Floats,
 ) -> NDArray[np.bool_]:
-    """Whether `cylinder_clearance` is at least `margin` for each cylinder (n,); stops at the first that is not.
+    """Whether `cylinder_clearance` is at least `margin` for each cylinder, (n,).
 
-    A radius of zero and equal ends ask for the distance of points.
+    A radius of zero and equal ends ask for the distance of points. `slopes` (n, 2) are those of the floor.
     """
     nx, ny = shape
     one, two, triangle = np.empty((6, 3)), np.empty((6, 3)), np.empty((3, 3))
-    point = np.empty(3)
     out = np.ones(len(axes), np.bool_)
     reach = radius + margin
     for p in range(len(axes)):
         x, y, low, high = axes[p, 0], axes[p, 1], lows[p], highs[p]
-        point[0], point[1], point[2] = x, y, low
+        east, north = slopes[p, 0], slopes[p, 1]
         i0, i1 = math.floor((x - reach - corner[0]) / cell), math.floor((x + reach - corner[0]) / cell)
         j0, j1 = math.floor((y - reach - corner[1]) / cell), math.floor((y + reach - corner[1]) / cell)
         for i in range(max(i0, 0), min(i1, nx - 1) + 1):
@@ -271,17 +271,17 @@ def clear_of(
                     break
                 for k in range(starts[i * ny + j], starts[i * ny + j + 1]):
                     t = members[k]
-                    if boxes[t, 5] <= low - (0.0 if cut else margin) or boxes[t, 2] >= high + margin:
+                    bottom, top = _heights(boxes[t], axes[p], east, north)
+                    if top <= low - (0.0 if cut else margin) or bottom >= high + margin:
                         continue
                     dx = max(boxes[t, 0] - x, x - boxes[t, 3], 0.0)
                     dy = max(boxes[t, 1] - y, y - boxes[t, 4], 0.0)
                     if dx * dx + dy * dy >= reach * reach:
                         continue
-                    for a in range(3):
-                        for b in range(3):
-                            triangle[a, b] = triangles[t, a, b]
+                    _sheared(triangles[t], axes[p], east, north, triangle)
                     if radius == 0.0:
-                        q = _closest_on_triangle(point, triangle[0], triangle[1], triangle[2])
+                        a, b, c = _corner(triangle, 0), _corner(triangle, 1), _corner(triangle, 2)
+                        q = _closest_on_triangle((x, y, low), a, b, c)
                         gap = math.sqrt((q[0] - x) ** 2 + (q[1] - y) ** 2 + (q[2] - low) ** 2)
                     else:
                         gap = _triangle_clearance(triangle, axes[p], radius, low, high, cut, one, two)
