@@ -32,6 +32,7 @@ LEAST_M = 8.0  # smallest side of a floor
 _BLOCK_M = 7.6  # a block wider than this both ways gets a corridor of its own
 _ROOM_M = (2.7, 6.0)  # how wide rooms along a corridor are
 _OPEN_M2 = 28.0  # larger rooms may be open-plan offices or lounges
+_COLUMNS_M2 = 30.0  # and larger ones may have columns
 
 
 def draw(rng: Rng, size_m: tuple[float, float], difficulty: float) -> Layout:
@@ -64,7 +65,7 @@ def draw(rng: Rng, size_m: tuple[float, float], difficulty: float) -> Layout:
             if rooms[into].claim(leaf, at_door=True):
                 furnishings.append(leaf)
     for room, space in zip(rooms, spaces, strict=True):
-        if space.rect.area > 40.0 and space.kind != "corridor":
+        if space.rect.area > _COLUMNS_M2 and space.kind in ("open", "lounge") and rng.random() < 0.6:
             structure += _columns(rng, room)
         furnish(rng, room, space.kind, difficulty)
         furnishings += room.placed
@@ -187,12 +188,10 @@ def _windows(rng: Rng, spaces: list[Space], borders: list[Border], height_m: flo
 
 def _columns(rng: Rng, room: Room) -> list[Mesh]:
     """Square columns in rows through a large room, off its doorways."""
-    side, pitch = rng.uniform(0.3, 0.5), rng.uniform(3.2, 4.5)
-    nx, ny = (max(1, int(extent / pitch)) for extent in room.rect.size)
-    standing = []
-    for i in range(1, nx):
-        for j in range(1, ny):
-            x = room.rect.x0 + i * room.rect.size[0] / nx
-            y = room.rect.y0 + j * room.rect.size[1] / ny
-            standing.append(block(x, y, 0.0, room.height_m, side, side))
+    side, pitch = rng.uniform(0.3, 0.5), rng.uniform(2.8, 4.0)
+    lines = []
+    for axis in (0, 1):
+        count = max(2, round(room.rect.size[axis] / pitch))
+        lines.append(room.rect[axis] + room.rect.size[axis] / count * np.arange(1, count))
+    standing = [block(x, y, 0.0, room.height_m, side, side) for x in lines[0] for y in lines[1]]
     return [column for column in standing if room.claim(column)]

@@ -152,32 +152,21 @@ def _storage(rng: Rng) -> list[Mesh]:
 
 
 def _open_plan(rng: Rng, room: Room, difficulty: float) -> None:
-    """Islands of desks back to back with a screen between, in rows; and free-standing screens."""
+    """Islands of desks in rows, or desks along the walls where columns leave no island room; and screens."""
     wide, pairs = rng.uniform(1.3, 1.7), int(rng.integers(1, 4))
-    make_desk, seat = Piece(desk(rng, wide)), Piece(office_chair(rng))
-    deep = float(make_desk.high_m[1] - make_desk.low_m[1])
-    divider = Piece(screen(wide, rng.uniform(1.2, 1.5)))
+    kit = Piece(desk(rng, wide)), Piece(office_chair(rng)), Piece(screen(wide, rng.uniform(1.2, 1.5)))
     long_x = room.rect.size[0] >= room.rect.size[1]
-    pitch_u, pitch_v = wide * pairs + rng.uniform(1.2, 1.9), 2.0 * deep + rng.uniform(2.1, 2.8)
+    pitch_u, pitch_v = wide * pairs + rng.uniform(1.2, 1.9), rng.uniform(3.5, 4.3)
     size = room.rect.size if long_x else room.rect.size[::-1]
     nu, nv = max(1, int((size[0] - 0.8) / pitch_u)), max(1, int((size[1] - 0.6) / pitch_v))
-    yaw = 0.0 if long_x else 0.5 * math.pi
+    (cx, cy), desks = room.rect.centre, 0
     for u in (np.arange(nu) - 0.5 * (nu - 1)) * (size[0] / nu):
         for v in (np.arange(nv) - 0.5 * (nv - 1)) * (size[1] / nv):
-            if rng.random() > 0.65 + 0.35 * difficulty:
-                continue
-            cx, cy = room.rect.centre
-            centre = (cx + u, cy + v, 0.0) if long_x else (cx - v, cy + u, yaw)
-            for k in range(pairs):
-                x = (k - 0.5 * (pairs - 1)) * (wide + 0.02)
-                room.around(centre, divider, [(x, 0.0, 0.0)])
-                for side in (-1.0, 1.0):
-                    if room.around(
-                        centre, make_desk, [(x, side * (0.5 * deep + 0.03), 0.0 if side > 0 else math.pi)]
-                    ):
-                        away = deep + rng.uniform(0.15, 0.45)
-                        turn = (math.pi if side > 0 else 0.0) + rng.uniform(-0.7, 0.7)
-                        room.around(centre, seat, [(x + rng.uniform(-0.2, 0.2), side * away, turn)])
+            if rng.random() < 0.65 + 0.35 * difficulty:
+                centre = (cx + u, cy + v, 0.0) if long_x else (cx - v, cy + u, 0.5 * math.pi)
+                desks += _island(rng, room, centre, pairs, kit)
+    if desks < 2:
+        _office(rng, room, difficulty)
     area = room.rect.area
 
     def free_screen() -> None:
@@ -187,6 +176,25 @@ def _open_plan(rng: Rng, room: Room, difficulty: float) -> None:
     repeat(rng, (0.02 + 0.03 * difficulty) * area, lambda: room.at_wall(rng, Piece(_storage(rng))))
     repeat(rng, (0.01 + 0.02 * difficulty) * area, lambda: room.at_wall(rng, Piece(plant(rng)), 4, 0.05))
     _hang(rng, room, 0.02 + 0.04 * difficulty, difficulty)
+
+
+def _island(rng: Rng, room: Room, centre: Place, pairs: int, kit: tuple[Piece, Piece, Piece]) -> int:
+    """Pairs of desks back to back about a screen, each with its chair; returns how many desks stand."""
+    make_desk, seat, divider = kit
+    wide, deep, _ = make_desk.high_m - make_desk.low_m
+    desks = 0
+    for k in range(pairs):
+        x = (k - 0.5 * (pairs - 1)) * (wide + 0.02)
+        room.around(centre, divider, [(x, 0.0, 0.0)])
+        for side in (-1.0, 1.0):
+            if room.around(
+                centre, make_desk, [(x, side * (0.5 * deep + 0.03), 0.0 if side > 0 else math.pi)]
+            ):
+                desks += 1
+                away = deep + rng.uniform(0.15, 0.45)
+                turn = (math.pi if side > 0 else 0.0) + rng.uniform(-0.7, 0.7)
+                room.around(centre, seat, [(x + rng.uniform(-0.2, 0.2), side * away, turn)])
+    return desks
 
 
 def _meeting(rng: Rng, room: Room, difficulty: float) -> None:
