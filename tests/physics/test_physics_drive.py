@@ -94,7 +94,7 @@ def test_the_estimate_keeps_to_the_ground_over_a_ramp():
         now_s = 10.0 + i * STEP_S
         state = plant.step(None, WheelDrive(0.6, 0.6, False) if i > 250 else BRAKED)
         if i % 5 == 0:
-            pose_filter.add_imu(ImuSample(now_s, state.angular_velocity_rps, state.specific_force_mps2))
+            pose_filter.add_imu(ImuSample(now_s, state.specific_force_mps2, state.angular_velocity_rps))
             new = plant.rover.state.left_ticks, plant.rover.state.right_ticks
             way = 0.5 * (new[0] - ticks[0] + new[1] - ticks[1]) / TICKS_PER_M
             turn = (new[1] - ticks[1] - new[0] + ticks[0]) / TICKS_PER_M / 0.30
