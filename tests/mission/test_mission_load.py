@@ -110,6 +110,23 @@ def test_the_missions_of_the_repository_are_good(path):
         ),
         (
             "{family: hall, size_m: [14, 10]}",
+            "{file: ../x.yaml}",
+            21,
+            21,
+            "below the worlds folder",
+            "--worlds",
+        ),
+        ("{family: hall, size_m: [14, 10]}", "{file: x.glb}", 21, 21, "'x.glb' is not a .yaml file", ""),
+        (
+            "{family: hall, size_m: [14, 10]}",
+            "{file: a.yaml, mesh: b}",
+            21,
+            28,
+            "'family', 'mesh' or 'file'",
+            "",
+        ),
+        (
+            "{family: hall, size_m: [14, 10]}",
             "{mesh: a/../../x}",
             21,
             21,
