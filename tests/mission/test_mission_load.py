@@ -121,7 +121,7 @@ def test_the_missions_of_the_repository_are_good(path):
             "{family: hall, size_m: [14, 10]}",
             "{file: a.yaml, mesh: b}",
             21,
-            28,
+            29,
             "'family', 'mesh' or 'file'",
             "",
         ),
