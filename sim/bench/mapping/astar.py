@@ -190,7 +190,7 @@ def way_on_map(
     if not flat:
         height = field.origin_m[2] + (np.arange(distance.shape[2]) + 0.5) * field.cell_m
         free &= (height >= z_range_m[0]) & (height <= z_range_m[1])
-    price = cell_cost(distance, np.ones((1, 1, 1), bool), radius_m, UNKNOWN_COST)
+    price = cell_cost(distance, np.ones((1, 1, 1), bool), radius_m, UNKNOWN_COST)  # type: ignore[arg-type]
     size = np.array(distance.shape)
 
     def cell_of(place: Array) -> Array:

@@ -94,7 +94,7 @@ class Flight:
         lim = self._lim
         count = max(3, math.ceil(length / ARC_M) + 1)
         spacing = max(length, 1e-3) / (count - 1)
-        arcs = spacing * np.arange(count)
+        arcs = spacing * np.arange(float(count))
         points = along(way_m, arcs)
         leg = np.gradient(points, axis=0) / spacing
         across = np.maximum(np.hypot(leg[:, 0], leg[:, 1]), 1e-6)
@@ -151,7 +151,7 @@ class Flight:
 
     def _trajectory(self, control: Array, state: AirState, rate_rps: float, now_s: float) -> Trajectory:
         total = INTERVAL_S * (len(control) - 3)
-        times = STEP_S * np.arange(math.ceil(total / STEP_S - 1e-9) + 1)
+        times = STEP_S * np.arange(math.ceil(total / STEP_S - 1e-9) + 1.0)
         p, v, a = bspline.evaluate(control, INTERVAL_S, times)
         v[-1] = a[-1] = 0.0
         p[0], v[0], a[0] = state.position, state.velocity, state.acceleration
@@ -193,7 +193,7 @@ class Flight:
         most = max(self._lim.yaw_rate_rps, abs(rate_rps))
         lasts = profile.turn_duration(angle, rate_rps, most, YAW_ACCELERATION_RPS2)
         more = max(0, math.ceil(lasts / STEP_S) + 1 - len(brake.yaw_rad))
-        times = STEP_S * np.arange(len(brake.yaw_rad) + more)
+        times = STEP_S * np.arange(len(brake.yaw_rad) + float(more))
         yaw = profile.turn_rates(angle, rate_rps, most, YAW_ACCELERATION_RPS2, times)
         yaw[-1, 1] = 0.0
 

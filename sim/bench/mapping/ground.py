@@ -85,7 +85,7 @@ class Ground:
         intervals = max(3, round(length / PITCH_M))
         pitch = length / intervals
         control = np.zeros((intervals + 3, 3))
-        control[:, :2] = along(way_m, pitch * (np.arange(intervals + 3) - 1.0))
+        control[:, :2] = along(way_m, pitch * np.arange(-1.0, intervals + 2.0))
         ahead = np.array([math.cos(state.yaw), math.sin(state.yaw)])
         bend = 0.0
         if state.speed > BENDING_MPS:
@@ -115,7 +115,7 @@ class Ground:
     def _followed(self, state: LandState, curve: Array, field: Field2, now_s: float) -> Made:
         lim = self._lim
         spacing = float(np.hypot(*np.diff(curve[:, :2], axis=0).T).mean())
-        arcs = spacing * np.arange(len(curve))
+        arcs = spacing * np.arange(float(len(curve)))
         bend = np.abs(curve[:, 3])
         change = np.abs(np.gradient(curve[:, 3], spacing))
         caps = np.minimum(lim.speed_mps, TURN_PART * lim.yaw_rate_rps / np.maximum(bend, 1e-6))
