@@ -24,6 +24,8 @@ from sim.bench.mapping.planner import MappingPlanner
 CONFIG = RobotConfig()
 CAMERA = CONFIG.camera
 
+pytestmark = pytest.mark.timeout(90)  # the first run compiles the kernels
+
 
 @pytest.fixture(scope="module")
 def refiner():

@@ -19,6 +19,8 @@ CONFIG = RobotConfig()
 START, LAND_GOAL, AIR_GOAL = (-4.0, 0.0, 0.12), (1.5, 1.5, 0.12), (1.0, -1.0, 1.4)
 PERIOD_S = 0.1
 
+pytestmark = pytest.mark.timeout(90)  # the first run compiles the kernels
+
 
 @pytest.fixture(scope="module")
 def world():

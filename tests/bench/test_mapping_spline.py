@@ -13,6 +13,8 @@ from labr_autonomy.refine.search import cell_cost, free_edges
 from sim.bench.mapping import astar, bspline, optimise
 from sim.bench.mapping.optimise import WEIGHTS, Aims, cost, optimised, raised
 
+pytestmark = pytest.mark.timeout(90)  # the first run compiles the kernels
+
 
 def curve(seed, n=9, d=3):
     return np.cumsum(np.random.default_rng([seed, 1]).normal(0.3, 0.2, (n, d)), axis=0)
