@@ -6,6 +6,9 @@ import sys
 
 import numpy as np
 
+from labr_autonomy.config import RobotConfig
+from sim.bench.route import Router
+from sim.worlds.free_space import FreeSpace
 from sim.worlds.surface import Surface
 from sim.worlds.world import make_world
 
@@ -16,7 +19,11 @@ def main() -> None:
     sys.stdout.flush()
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=np.float32)
     floor = make_world("floor", corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), {})
-    Surface(floor).clearance(np.array([0.0, 0.0, 0.12]), on_floor=True)
+    surface = Surface(floor)
+    surface.clearance(np.array([0.0, 0.0, 0.12]), on_floor=True)
+    free = FreeSpace(floor, surface, RobotConfig())
+    free.land_field(np.array([0.0, 0.0, 0.12]))
+    Router(free).route(np.array([-0.5, 0.0, 0.12]), np.array([0.3, 0.0, 1.2]), goal_in_air=True)
 
 
 if __name__ == "__main__":

@@ -63,7 +63,9 @@ class OraclePlanner:
             refined, points = self._stay(request), np.array(request.motion.position_m)[None]
         else:
             points = to_key_points(ahead, POINTS, SPACING_M)
-            refined = self._drive(request, points) if request.mode is Mode.LAND else self._fly(request, points)
+            refined = (
+                self._drive(request, points) if request.mode is Mode.LAND else self._fly(request, points)
+            )
         done_s = self._clock.now_s()
         self._previous = refined.trajectory
         followed = KeyPoints(points, np.full(len(points), request.mode is Mode.AIR), 0.0, Source.SEARCH)
@@ -81,9 +83,7 @@ class OraclePlanner:
             land_path_ends=ends,
             take_off_clear=take_off,
             landing_clear=landing,
-            timings=Timings(
-                route_s=routed_s - began_s, refine_s=done_s - routed_s, total_s=done_s - began_s
-            ),
+            timings=Timings(route_s=routed_s - began_s, refine_s=done_s - routed_s, total_s=done_s - began_s),
         )
 
     # ------------------------------------------------------------------ where on the route
@@ -142,9 +142,7 @@ class OraclePlanner:
         state = LandState(here[:2], motion.yaw_rad, motion.speed_mps, motion.yaw_rate_rps, float(here[2]))
         stand = np.array([*here[:2], request.floor_z_m + self._config.body.below_m])
         field = self._known.free.land_field(stand, FIELD_HALF_M)
-        return self._refiner.land(
-            state, points, field, request.start_s, self._previous, source=Source.SEARCH
-        )
+        return self._refiner.land(state, points, field, request.start_s, self._previous, source=Source.SEARCH)
 
     def _fly(self, request: PlanRequest, points: Array) -> RefineResult:
         motion = request.motion

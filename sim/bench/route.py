@@ -232,9 +232,7 @@ class Router:
 
             def cut(a: Array, b: Array) -> float:
                 return float(
-                    kernels.air_cut(
-                        a, b, air.origin_m, air.cell_m, air.free, air.room_m, NEAR_M, near
-                    )
+                    kernels.air_cut(a, b, air.origin_m, air.cell_m, air.free, air.room_m, NEAR_M, near)
                 )
         else:
             drop = np.array([0.0, 0.0, self._below_m])
@@ -275,9 +273,7 @@ class Router:
         land_m = sum(leg.length_m for leg in legs if leg.mode is Mode.LAND)
         air_m = sum(leg.length_m for leg in legs if leg.mode is Mode.AIR)
         joules = e.land_j(land_m) + e.air_j(air_m, climb) + 0.5 * switches * e.transition_j()
-        seconds = (
-            land_m / e.land_speed_mps + air_m / e.air_speed_mps + 0.5 * switches * e.transition_s
-        )
+        seconds = land_m / e.land_speed_mps + air_m / e.air_speed_mps + 0.5 * switches * e.transition_s
         return Route(legs, switches, climb, rise, joules, seconds)
 
 

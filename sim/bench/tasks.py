@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import BadInput
@@ -33,6 +34,7 @@ HIDDEN_SHARE = 0.6
 DRIVEN_SHARE = 0.9
 BAND_M = 0.4  # half width of the ring in which a goal of a drawn distance is looked for
 STARTS, DRAWS = 60, 20
+INSIST = 20  # starts that are tried for a goal in sight, or out of it, as drawn
 LOOSE_AFTER = 40  # starts without a goal at the drawn distance; then any distance will do
 _STREAM = 71  # of random numbers, so that tasks share none with worlds or noise
 
@@ -72,6 +74,7 @@ def sample_task(spec: Mapping[str, Any], seed: int, robot: RobotConfig) -> Task:
             f"the world '{known.world.name}' has no place to stand on", "Check its scale and its up axis."
         )
     wish = _draw_wish(known, rng)
+    spare: Task | None = None
     for turn in range(1 if "start" in said and "goals" in said else STARTS):
         start = _said_start(known, said["start"]) if "start" in said else _draw_start(known, rng, robot)
         if start is None:
@@ -83,8 +86,13 @@ def sample_task(spec: Mapping[str, Any], seed: int, robot: RobotConfig) -> Task:
                 wish = replace(wish, distance_m=None)
             goal = _draw_goal(known, start, wish, rng, robot)
         task = None if goal is None else _task(known, seed, start, goal, robot)
-        if task is not None:
+        if task is not None and ("goals" in said or task.in_sight is not wish.hidden):
             return task
+        spare = spare or task
+        if spare is not None and turn >= INSIST:
+            return spare
+    if spare is not None:
+        return spare
     raise BadInput(
         f"the world '{known.world.name}' offers no goal that a robot can reach from its starts",
         f"Give it free floor over more than {DISTANCE_M[0]:g} m, or other bounds, start and goals.",
@@ -93,12 +101,17 @@ def sample_task(spec: Mapping[str, Any], seed: int, robot: RobotConfig) -> Task:
 
 def in_sight(known: Known, start: Start, goal_m: Array, robot: RobotConfig) -> bool:
     """Whether the camera of the robot at its start looks at the goal, and nothing stands between."""
+    seen = _in_view(start, np.asarray(goal_m, dtype=np.float64)[None], robot)[0]
+    return bool(seen) and known.surface.sees(_eye(start, robot), goal_m)
+
+
+def _in_view(start: Start, points_m: Array, robot: RobotConfig) -> NDArray[np.bool_]:
+    """Which points (n, 3) lie in the camera's frustum at the start, (n,)."""
     camera = robot.camera
-    eye = _eye(start, robot)
-    x, y, z = odom_to_level(np.asarray(goal_m), Pose(eye, _facing(start)))
-    if x <= 0.0 or abs(y) > x * 0.5 * camera.width / camera.fx or abs(z) > x * 0.5 * camera.height / camera.fy:
-        return False
-    return known.surface.sees(eye, goal_m)
+    x, y, z = odom_to_level(points_m, Pose(_eye(start, robot), _facing(start))).T
+    wide, high = 0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy
+    out: NDArray[np.bool_] = (x > 0.0) & (np.abs(y) <= x * wide) & (np.abs(z) <= x * high)
+    return out
 
 
 def _facing(start: Start) -> Array:
@@ -192,6 +205,9 @@ def _pick(
     if wish.distance_m is not None:
         low, high = wish.distance_m - BAND_M, wish.distance_m + BAND_M
     fits = np.flatnonzero((away >= low) & (away <= high))
+    if not wish.hidden:
+        looked_at = fits[_in_view(start, candidates_m[fits], robot)]
+        fits = looked_at if len(looked_at) else fits
     spare: Array | None = None
     for number in rng.choice(fits, min(DRAWS, len(fits)), replace=False):
         goal = candidates_m[number]

@@ -123,7 +123,15 @@ def at_height(starts: Ints, z_m: Floats, column: int, wanted_m: float, give_m: f
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def supported(
-    starts: Ints, column: Ints, z_m: Floats, nx: int, ny: int, cell: float, reach: int, step: float, slope: float
+    starts: Ints,
+    column: Ints,
+    z_m: Floats,
+    nx: int,
+    ny: int,
+    cell: float,
+    reach: int,
+    step: float,
+    slope: float,
 ) -> Bits:
     """Whether floor carries on all round at `reach` columns' distance, and is no steeper than `slope`, (n,)."""
     out = np.zeros(len(z_m), np.bool_)
@@ -138,9 +146,7 @@ def supported(
                 if not whole:
                     break
                 away = reach * cell * math.hypot(float(a), float(b))
-                k = at_height(
-                    starts, z_m, (i + a * reach) * ny + j + b * reach, z_m[p], step + slope * away
-                )
+                k = at_height(starts, z_m, (i + a * reach) * ny + j + b * reach, z_m[p], step + slope * away)
                 if k < 0:
                     whole = False
                 else:
@@ -249,7 +255,7 @@ def band_cells(
     """Mark cells (nx, ny) that a triangle crosses between `above` and `top` over the cell's own floor."""
     nx, ny = out.shape
     one, two, triangle = np.empty((6, 3)), np.empty((6, 3)), np.empty((3, 3))
-    half_diagonal = cell * math.sqrt(0.5)
+    near = 0.5 * cell * (1.0 + 1e-6)  # a sheet between two cells marks both, a corner's sliver none
     for i in range(nx):
         x = origin[0] + (i + 0.5) * cell
         ci = math.floor((x - corner[0]) / column)
@@ -272,7 +278,7 @@ def band_cells(
                                 triangle[r, s] = triangles[t, r, s]
                         count = _clip(triangle, 3, low, 1.0, one)
                         inside = _clip(one, count, high, -1.0, two)
-                        if inside > 0 and _flat_distance(two, inside, x, y) < half_diagonal:
+                        if inside > 0 and _flat_distance(two, inside, x, y) <= near:
                             out[i, j] = True
 
 

@@ -18,9 +18,9 @@ from sim.worlds.surface import FLOOR_BAND_M, Surface
 
 LAND_CELL_M = 0.1
 LAND_COLUMNS_MAX = 300_000
-HITS_MAX = 500_000  # floors and undersides together, over all decks
+HITS_MAX = 1_000_000  # floors and undersides together, over all decks
 AIR_CELL_M = 0.2
-AIR_CELLS_MAX = 2_000_000
+AIR_CELLS_MAX = 4_000_000
 LAND_MARGIN_M = 0.05  # beyond the outline: half a cell, so that the way between two places is free as well
 AIR_MARGIN_M = 0.02  # beyond the sphere about the outline; a cell must still fit into a 0.9 m door
 ROOM_M = 0.3  # clearances up to this are told apart
@@ -85,7 +85,9 @@ class AirLayer:
     origin_m: Array  # (3,) lower corner of cell (0, 0, 0)
     cell_m: float
     free: NDArray[np.bool_]  # (nx, ny, nz)
-    room_m: NDArray[np.float32]  # (nx, ny, nz) beyond the sphere about the outline, by the voxels; at most ROOM_M
+    room_m: NDArray[
+        np.float32
+    ]  # (nx, ny, nz) beyond the sphere about the outline, by the voxels; at most ROOM_M
     floor_z_m: NDArray[np.float32]  # (nx, ny, nz) of the ground below; NaN where there is none
     reach: Ints  # (nx, ny, nz) as in LandLayer; -1 where not free
     place_starts: Ints  # (nx * ny + 1,) where the places under a column begin in `places`
@@ -125,6 +127,7 @@ class Standing:
     room_m: NDArray[np.float32]
     beside: Ints
     island: Ints
+    covered: NDArray[np.bool_]  # (nx, ny) columns with any surface at all
 
     @property
     def ground(self) -> NDArray[np.bool_]:
@@ -136,7 +139,9 @@ class Standing:
         return kept if kept.any() else ~kept
 
 
-def standing(surface: Surface, config: RobotConfig, region_m: Array, margin_m: float, slope: float) -> Standing:
+def standing(
+    surface: Surface, config: RobotConfig, region_m: Array, margin_m: float, slope: float
+) -> Standing:
     """Every place where the outline can stand with `margin_m` to spare."""
     size = region_m[1, :2] - region_m[0, :2]
     cell = max(LAND_CELL_M, math.sqrt(float(size[0] * size[1]) / LAND_COLUMNS_MAX))
@@ -151,6 +156,7 @@ def standing(surface: Surface, config: RobotConfig, region_m: Array, margin_m: f
         cell *= 1.02 * math.sqrt(len(z) / HITS_MAX)
     order = np.lexsort((z, column))
     column, z = column[order], z[order]
+    covered = np.bincount(column, minlength=nx * ny).reshape(nx, ny) > 0
     # the upper of two surfaces that the wheels do not tell apart
     same = column[1:] == column[:-1]
     above = np.where(same, z[1:] - z[:-1], math.inf)
@@ -175,7 +181,16 @@ def standing(surface: Surface, config: RobotConfig, region_m: Array, margin_m: f
     starts = _starts(column, nx * ny)
     beside = kernels.neighbours(starts, column, z, nx, ny, cell, STEP_M, slope)
     return Standing(
-        origin, cell, (nx, ny), starts, column, z, _room(beside, cell, margin_m), beside, _islands(beside)
+        origin,
+        cell,
+        (nx, ny),
+        starts,
+        column,
+        z,
+        _room(beside, cell, margin_m),
+        beside,
+        _islands(beside),
+        covered,
     )
 
 
@@ -304,7 +319,10 @@ def _outside_solids(surface: Surface, points_m: Array, island: Ints) -> NDArray[
 
 
 def _ground_below(land: Standing, axes: list[Array], below_m: float) -> NDArray[np.float32]:
-    """Height of the ground under every air cell (nx, ny, nz); of the nearest ground where none is below."""
+    """Height of the ground under every air cell (nx, ny, nz), NaN where there is nothing below.
+
+    Over furniture and walls it is that of the nearest ground: heights are not counted from a table's top.
+    """
     shape = (len(axes[0]), len(axes[1]), len(axes[2]))
     if not len(land.island):
         return np.full(shape, np.nan, np.float32)
@@ -318,8 +336,9 @@ def _ground_below(land: Standing, axes: list[Array], below_m: float) -> NDArray[
     i = np.clip(((axes[0] - land.origin_m[0]) / land.cell_m).astype(np.int64), 0, nx - 1)
     j = np.clip(((axes[1] - land.origin_m[1]) / land.cell_m).astype(np.int64), 0, ny - 1)
     columns = own[i[:, None], j[None, :]].ravel()
-    below = kernels.floors_below(starts, z, columns, axes[2] - below_m + STEP_M)
-    return np.asarray(below.reshape(shape), dtype=np.float32)
+    below = kernels.floors_below(starts, z, columns, axes[2] - below_m + STEP_M).reshape(shape)
+    below[~land.covered[i[:, None], j[None, :]]] = np.nan  # outside the world
+    return np.asarray(below, dtype=np.float32)
 
 
 def _joints(

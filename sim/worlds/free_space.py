@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.perception.edt import distance_to
@@ -122,6 +123,10 @@ class FreeSpace:
             body.below_m + body.above_m,
             solid,
         )
+        reached, _ = ndimage.label(~solid)
+        here = int(reached[nx // 2, ny // 2])
+        if here:  # what cannot be driven to is as good as solid: the inside of things, most of all
+            solid = reached != here
         return Field2.from_occupied(solid, np.ones((nx, ny), np.bool_), origin, cell_m)
 
     def _floors_around(
@@ -137,6 +142,4 @@ class FreeSpace:
         order = np.lexsort((z, column))
         column, z = column[order], z[order]
         starts = np.searchsorted(column, np.arange(nx * ny + 1)).astype(np.int32)
-        return np.asarray(
-            kernels.follow_floor(starts, z, nx, ny, cell_m, floor_m, FLOOR_BAND_M, SLOPE_MAX)
-        )
+        return np.asarray(kernels.follow_floor(starts, z, nx, ny, cell_m, floor_m, FLOOR_BAND_M, SLOPE_MAX))
