@@ -9,8 +9,10 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labr_autonomy.config import RobotConfig
+from labr_autonomy.types import Array
 from sim.bench.route import Router
 from sim.worlds.build import rebuild_world
 from sim.worlds.free_space import FreeSpace
@@ -28,6 +30,10 @@ class Known:
     surface: Surface
     free: FreeSpace
     router: Router
+    places_m: Array  # (n, 3) body origin at every place of `free.land`
+    cells_m: Array  # (m, 3) middle of every free cell of `free.air`
+    cells_height_m: Array  # (m,) above the ground below
+    cells_reach: NDArray[np.int32]  # (m,)
 
 
 def know(spec: Mapping[str, Any], robot: RobotConfig) -> Known:
@@ -45,4 +51,10 @@ def _know(spec_json: str, robot: RobotConfig) -> Known:
         world = replace(world, region_m=np.array(asked["bounds"], dtype=np.float64))
     surface = Surface(world, robot.body)
     free = FreeSpace(world, surface, robot)
-    return Known(world, surface, free, Router(free))
+    land, air = free.land, free.air
+    places = np.column_stack([land.xy_m, land.floor_z_m + robot.body.below_m])
+    index = np.argwhere(air.free)
+    cells = air.centres_m(index)
+    at = tuple(index.T)
+    height = cells[:, 2] - air.floor_z_m[at]
+    return Known(world, surface, free, Router(free), places, cells, height, air.reach[at])

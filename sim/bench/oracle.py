@@ -194,7 +194,7 @@ class OraclePlanner:
         return math.inf, False, False, over and self._column_clear(request, float(here[2]))
 
     def _column_clear(self, request: PlanRequest, up_to_m: float) -> bool:
-        """Whether the outline and its landing ring are free from the floor here up to a height of the body."""
+        """Whether the outline and its landing ring are free from the floor here up to a body height."""
         body, ring_m = self._config.body, self._config.clearance.landing_m
         x, y, z = (float(v) for v in request.body_pose.position_m)
         floor = self._known.surface.floor_below(x, y, z)

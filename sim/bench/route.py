@@ -10,8 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.types import Array, Mode
@@ -199,7 +201,7 @@ class Router:
         in_air = np.array(nodes) >= count
         ends = [0, *(np.flatnonzero(np.diff(in_air.astype(int))) + 1), len(nodes)]
         legs = []
-        for number, (a, b) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+        for number, (a, b) in enumerate(pairwise(ends)):
             points = self._points(np.array(nodes[a:b]))
             first, last = number == 0, b == len(nodes)
             flying = bool(in_air[a])
@@ -216,7 +218,7 @@ class Router:
             legs.append(Leg(Mode.AIR if flying else Mode.LAND, self._pulled(points, flying, w.near)))
         return tuple(legs)
 
-    def _points(self, nodes: np.ndarray) -> Array:  # type: ignore[type-arg]
+    def _points(self, nodes: NDArray[np.int64]) -> Array:
         """Body origins at nodes of one layer, (k, 3)."""
         land, air, count = self._free.land, self._free.air, len(self._xy)
         if nodes[0] < count:
@@ -262,7 +264,7 @@ class Router:
     def _measured(self, legs: tuple[Leg, ...]) -> Route:
         e = self.energy
         rise = climb = 0.0
-        for one, two in zip(legs[:-1], legs[1:], strict=True):
+        for one, two in pairwise(legs):
             step = float(two.points_m[0, 2] - one.points_m[-1, 2])
             rise += abs(step)
             climb += max(step, 0.0)
@@ -279,7 +281,7 @@ class Router:
 
 def _pull(points: Array, cut: Callable[[Array, Array], float]) -> Array:
     """One greedy pass of straight cuts along a line (k, 3); the direct neighbour is always accepted."""
-    single = [cut(a, b) for a, b in zip(points[:-1], points[1:], strict=True)]
+    single = [cut(a, b) for a, b in pairwise(points)]
     plain = np.linalg.norm(np.diff(points, axis=0), axis=1)
     spent = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(single), single, 2.0 * plain))])
     kept = [0]

@@ -29,7 +29,7 @@ def _away(target: Floats, x: float, y: float, z: float, cost_m: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def search(
+def search(  # noqa: C901 - two kinds of nodes and what joins them, in one loop
     land_xy: Floats,
     land_cell: float,
     ring: Floats,
@@ -148,8 +148,8 @@ def search(
                     left = _away(target, land_xy[node, 0], land_xy[node, 1], z, pull_j_m)
                     heapq.heappush(heap, (then + left, other_air))
         else:
-            cell = node - nl
-            i, j, k = cell // (ny * nz), (cell // nz) % ny, cell % nz
+            at = node - nl
+            i, j, k = at // (ny * nz), (at // nz) % ny, at % nz
             price = _price(air_room[i, j, k], near_m, near_cost)
             for a in range(max(i - 1, 0), min(i + 1, nx - 1) + 1):
                 for b in range(max(j - 1, 0), min(j + 1, ny - 1) + 1):

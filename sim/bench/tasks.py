@@ -74,25 +74,31 @@ def sample_task(spec: Mapping[str, Any], seed: int, robot: RobotConfig) -> Task:
             f"the world '{known.world.name}' has no place to stand on", "Check its scale and its up axis."
         )
     wish = _draw_wish(known, rng)
-    spare: Task | None = None
+    spare: list[tuple[Start, Goal]] = []  # possible, but not in sight, or not out of it, as drawn
     for turn in range(1 if "start" in said and "goals" in said else STARTS):
         start = _said_start(known, said["start"]) if "start" in said else _draw_start(known, rng, robot)
         if start is None:
             continue
+        goal: Goal | None
         if "goals" in said:
-            goal: Goal | None = _said_goal(known, start, said["goals"], seed)
+            goal = _said_goal(known, start, said["goals"], seed)
         else:
             if turn == LOOSE_AFTER or ("start" in said and turn > 0):
                 wish = replace(wish, distance_m=None)
             goal = _draw_goal(known, start, wish, rng, robot)
-        task = None if goal is None else _task(known, seed, start, goal, robot)
-        if task is not None and ("goals" in said or task.in_sight is not wish.hidden):
+        if goal is None:
+            continue
+        fits = "goals" in said or in_sight(known, start, goal[0], robot) is not wish.hidden
+        if not fits and turn < INSIST:
+            spare.append((start, goal))
+            continue
+        task = _task(known, seed, start, goal, robot)
+        if task is not None:
             return task
-        spare = spare or task
-        if spare is not None and turn >= INSIST:
-            return spare
-    if spare is not None:
-        return spare
+    for start, goal in spare:
+        task = _task(known, seed, start, goal, robot)
+        if task is not None:
+            return task
     raise BadInput(
         f"the world '{known.world.name}' offers no goal that a robot can reach from its starts",
         f"Give it free floor over more than {DISTANCE_M[0]:g} m, or other bounds, start and goals.",
@@ -153,7 +159,7 @@ def _draw_start(known: Known, rng: np.random.Generator, robot: RobotConfig) -> S
     land = known.free.land
     floor = np.flatnonzero(known.free.land.ground)
     number = int(rng.choice(floor))
-    place = np.array([*land.xy_m[number], land.floor_z_m[number] + robot.body.below_m])
+    place = known.places_m[number]
     if not known.surface.clear(place[None], LAND_CLEAR_M, on_floor=True)[0]:
         return None
     for yaw in rng.uniform(-math.pi, math.pi, 8):
@@ -169,7 +175,7 @@ def _draw_start(known: Known, rng: np.random.Generator, robot: RobotConfig) -> S
 def _draw_wish(known: Known, rng: np.random.Generator) -> _Wish:
     land = known.free.land
     turn = np.linspace(0.0, math.pi, 8, endpoint=False)
-    spread = np.ptp(land.xy_m[land.ground] @ np.stack([np.cos(turn), np.sin(turn)]), axis=0)
+    spread = np.ptp(known.places_m[land.ground, :2] @ np.stack([np.cos(turn), np.sin(turn)]), axis=0)
     most = min(DISTANCE_M[1] - BAND_M, max(DISTANCE_M[0] + 2.0 * BAND_M, float(spread.max()) - 1.0))
     flying, hidden, driven = rng.random(3) < np.array([AIR_SHARE, HIDDEN_SHARE, DRIVEN_SHARE])
     return _Wish(float(rng.uniform(DISTANCE_M[0] + BAND_M, most)), bool(flying), bool(hidden), bool(driven))
@@ -180,7 +186,7 @@ def _draw_goal(
 ) -> Goal | None:
     """A goal as wished for, of the other kind once the distance does not matter any more."""
     for in_air in (wish.in_air, not wish.in_air):
-        candidates = _in_air(known, start) if in_air else _on_land(known, start, wish.driven, robot)
+        candidates = _in_air(known, start) if in_air else _on_land(known, start, wish.driven)
         found = _pick(known, start, candidates, in_air, wish, rng, robot)
         if found is not None:
             return found, in_air
@@ -210,7 +216,7 @@ def _pick(
         fits = looked_at if len(looked_at) else fits
     spare: Array | None = None
     for number in rng.choice(fits, min(DRAWS, len(fits)), replace=False):
-        goal = candidates_m[number]
+        goal: Array = candidates_m[number]
         if not _roomy(known, goal, in_air):
             continue
         if in_sight(known, start, goal, robot) is not wish.hidden:
@@ -227,28 +233,25 @@ def _roomy(known: Known, goal_m: Array, in_air: bool) -> bool:
     return bool(surface.clear(goal_m[None], AIR_CLEAR_M)[0] and surface.away(goal_m[None], HOVER_M)[0])
 
 
-def _on_land(known: Known, start: Start, driven: bool, robot: RobotConfig) -> Array:
+def _on_land(known: Known, start: Start, driven: bool) -> Array:
     """Places that can be driven to; or those that need a hop, where there are any."""
     land = known.free.land
     here = _place(known, start)
     if here is None:
         return np.zeros((0, 3))
     near = land.island == land.island[here]
-    hop = known.free.land.ground & ~near & (land.reach == land.reach[here])
-    chosen = near if driven or not hop.any() else hop
-    return np.column_stack([land.xy_m[chosen], land.floor_z_m[chosen] + robot.body.below_m])
+    hop = land.ground & ~near & (land.reach == land.reach[here])
+    out: Array = known.places_m[near if driven or not hop.any() else hop]
+    return out
 
 
 def _in_air(known: Known, start: Start) -> Array:
     """Cells that can be flown to, at the heights of goals."""
-    land, air = known.free.land, known.free.air
     here = _place(known, start)
     if here is None:
         return np.zeros((0, 3))
-    cells = np.argwhere(air.reach == land.reach[here])
-    centres = air.centres_m(cells)
-    height = centres[:, 2] - air.floor_z_m[tuple(cells.T)]
-    out: Array = centres[(height >= HEIGHT_M[0]) & (height <= HEIGHT_M[1])]
+    high = (known.cells_height_m >= HEIGHT_M[0]) & (known.cells_height_m <= HEIGHT_M[1])
+    out: Array = known.cells_m[high & (known.cells_reach == known.free.land.reach[here])]
     return out
 
 
@@ -292,5 +295,5 @@ def _said_goal(known: Known, start: Start, goals: Sequence[Sequence[float]], see
 def _floors(known: Known, x_m: float, y_m: float) -> list[float]:
     """Heights of the places at a point."""
     land = known.free.land
-    near = np.hypot(*(land.xy_m - np.array([x_m, y_m])).T) <= land.cell_m
+    near = np.hypot(*(known.places_m[:, :2] - np.array([x_m, y_m])).T) <= land.cell_m
     return [float(z) for z in land.floor_z_m[near]]

@@ -133,7 +133,7 @@ def supported(
     step: float,
     slope: float,
 ) -> Bits:
-    """Whether floor carries on all round at `reach` columns' distance, and is no steeper than `slope`, (n,)."""
+    """Whether floor goes on all round at `reach` columns' distance and is no steeper than `slope`, (n,)."""
     out = np.zeros(len(z_m), np.bool_)
     around = np.empty((3, 3))
     for p in range(len(z_m)):
@@ -180,7 +180,7 @@ def neighbours(
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def floors_below(starts: Ints, z_m: Floats, columns: Ints, heights: Floats) -> NDArray[np.float32]:
-    """Highest entry at or below each of `heights` (nz,) in each of `columns` (n,); NaN without one, (n, nz)."""
+    """Highest entry at or below each of `heights` (nz,) in `columns` (n,); NaN without one, (n, nz)."""
     out = np.full((len(columns), len(heights)), np.nan, np.float32)
     for p in range(len(columns)):
         c = columns[p]

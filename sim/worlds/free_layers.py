@@ -93,7 +93,7 @@ class AirLayer:
     place_starts: Ints  # (nx * ny + 1,) where the places under a column begin in `places`
     places: Ints  # land places ordered by air column
 
-    def centres_m(self, index: NDArray[np.integer]) -> Array:  # type: ignore[type-arg]
+    def centres_m(self, index: NDArray[np.int64]) -> Array:
         """Centres of cells (n, 3), (n, 3) odom."""
         out: Array = self.origin_m + (index + 0.5) * self.cell_m
         return out
@@ -290,7 +290,7 @@ def _room(beside: Ints, cell_m: float, margin_m: float) -> NDArray[np.float32]:
     return np.asarray(room, dtype=np.float32)
 
 
-def _starts(column: NDArray[np.integer], count: int) -> Ints:  # type: ignore[type-arg]
+def _starts(column: Ints, count: int) -> Ints:
     return np.searchsorted(column, np.arange(count + 1)).astype(np.int32)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -53,9 +54,7 @@ def test_through_a_door_it_is_a_few_percent_longer_than_the_taut_string(rooms):
 def test_the_route_keeps_its_distance_where_there_is_room(rooms):
     route = rooms.route(standing_at(-4.0, -1.5), standing_at(4.0, -1.5))
     points = route.legs[0].points_m
-    fine = np.concatenate(
-        [a + np.linspace(0, 1, 40)[:, None] * (b - a) for a, b in zip(points[:-1], points[1:], strict=True)]
-    )
+    fine = np.concatenate([a + np.linspace(0, 1, 40)[:, None] * (b - a) for a, b in pairwise(points)])
     surface = rooms._free.surface
     assert min(surface.clearance(p, on_floor=True) for p in fine) > 0.04
 

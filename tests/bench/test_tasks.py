@@ -30,13 +30,13 @@ def offices(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def drawn(offices):
-    return [sample_task(offices, seed, ROBOT) for seed in range(60)]
+    return [sample_task(offices, seed, ROBOT) for seed in range(40)]
 
 
 def test_the_same_seed_gives_the_same_task_and_another_another(offices, drawn):
     know.__globals__["_know"].cache_clear()
     assert asdict(sample_task(offices, 7, ROBOT)) == asdict(drawn[7])
-    assert len({task.goal_m for task in drawn}) > 55
+    assert len({task.goal_m for task in drawn}) > 36
 
 
 def test_every_start_and_goal_is_verified_by_the_surface(offices, drawn):
@@ -111,7 +111,7 @@ def test_bounds_keep_starts_and_goals(tmp_path):
     spec = spec_of(tmp_path, rim(-10, -4, 10, 4), bounds=[[-9.0, -3.0, -0.5], [1.0, 3.0, 2.0]])
     for seed in range(8):
         task = sample_task(spec, seed, ROBOT)
-        for x, y, z in (task.start[:2] + (task.start[3],), task.goal_m):
+        for x, y, z in ((*task.start[:2], task.start[3]), task.goal_m):
             assert -9.0 <= x <= 1.0
             assert -3.0 <= y <= 3.0
             assert z <= 2.0
@@ -120,7 +120,7 @@ def test_bounds_keep_starts_and_goals(tmp_path):
 def test_some_land_goals_need_a_hop_where_only_flight_joins(tmp_path):
     blocks = [*rim(-8, -3, 8, 3), wall(-0.1, -3, 0.1, 3, 1.0)]
     spec = spec_of(tmp_path, blocks)
-    tasks = [sample_task(spec, seed, ROBOT) for seed in range(60)]
+    tasks = [sample_task(spec, seed, ROBOT) for seed in range(40)]
     over = [t.start[0] * t.goal_m[0] < 0.0 for t in tasks if not t.in_air]
     assert 0 < sum(over) < 0.35 * len(over)
 
