@@ -106,7 +106,7 @@ def free_ground(drawn, cell_m):
     whole, bare = (
         Surface(make_world("", *mesh, {})) for mesh in (drawn.mesh(NOWHERE), merged(drawn.structure))
     )
-    lower, upper = drawn.region_m + [[0.3], [-0.3]]
+    lower, upper = drawn.region_m[0] + 0.3, drawn.region_m[1] - 0.3
     x, y = np.arange(lower[0], upper[0], cell_m), np.arange(lower[1], upper[1], cell_m)
     free = np.zeros((len(x), len(y)), dtype=bool)
     for i, a in enumerate(x):

@@ -8,6 +8,7 @@ from sim.worlds.families.cars import SHAPES, car
 from sim.worlds.families.draw import SIZES
 from sim.worlds.families.garage_plan import CEILING_M, SLOPE_MAX, plan
 from sim.worlds.surface import FLOOR_BAND_M, Surface
+from sim.worlds.world import make_world
 
 SEEDS = range(24)
 
@@ -102,7 +103,31 @@ def test_no_car_lets_the_robot_under_it_and_all_stand_on_their_wheels(kind):
         low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
         assert low[2] == pytest.approx(0.0, abs=1e-9)
         assert high[0] - low[0] == pytest.approx(length, abs=0.02)
-        assert high[1] - low[1] == pytest.approx(width, abs=0.05)
+        assert high[1] - low[1] == pytest.approx(width + 0.3, abs=0.05)  # mirrors
         assert 1.4 <= high[2] <= 2.01
         body = mesh.vertices_m[: 8 * len(SHAPES[kind].body)]
         assert 0.15 <= body[:, 2].min() <= 0.20
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_a_place_within_a_car_is_known_to_be_inside(kind):
+    mesh, length, width = car(np.random.default_rng(7), kind)
+    surface = Surface(make_world(kind, *mesh, {}))
+    for x in np.linspace(-0.4, 0.3, 6) * length:
+        assert surface.inside(np.array([x, 0.02, 0.55]))
+        assert not surface.inside(np.array([x, width, 0.55]))
+        assert not surface.inside(np.array([x, 0.02, 0.08]))
+
+
+@pytest.mark.slow
+def test_a_place_within_the_ramp_is_known_to_be_inside_and_one_over_it_is_not():
+    seed = with_kind("two")
+    ramp = drawn_plan(seed).ramp
+    surface = Surface(build_world({"family": "garage"}, seed=seed))
+    mirror = mirror_of(surface, ramp)
+    for share in (0.4, 0.6, 0.8):
+        x = ramp.from_m + share * (ramp.to_m - ramp.from_m)
+        place = np.array([*(np.array([x, 0.5 * (ramp.low_m + ramp.high_m)]) * mirror), 0.0])
+        height = share * ramp.top_m
+        assert surface.inside(place + [0.0, 0.0, 0.5 * height])
+        assert not surface.inside(place + [0.0, 0.0, height + 0.3])

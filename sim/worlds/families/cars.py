@@ -11,6 +11,7 @@ from sim.worlds.families.growth import sticks
 from sim.worlds.families.layout import Rng
 from sim.worlds.meshes import Mesh, box, hull_of_rings, merged
 
+_SEAM_M = 1e-3  # between body and cabin: rays that count surfaces see both faces
 UNDERSIDE_M = (0.15, 0.20)  # ground clearance of the body; the robot is 0.26 m high
 
 
@@ -33,12 +34,8 @@ SHAPES = {
         (1.76, 1.85),
         (1.42, 1.48),
         (
-            (-0.5, 0.82, 0.84),
-            (-0.47, 0.95, 0.94),
-            (-0.2, 0.97, 1.0),
-            (0.2, 0.92, 1.0),
-            (0.43, 0.78, 0.94),
-            (0.5, 0.6, 0.78),
+            (-0.5, 0.8, 0.84), (-0.46, 0.95, 0.94), (-0.2, 0.95, 1.0),
+            (0.22, 0.95, 1.0), (0.43, 0.8, 0.94), (0.5, 0.6, 0.78),
         ),
         (-0.36, 0.22, -0.22, 0.06),
     ),
@@ -47,44 +44,32 @@ SHAPES = {
         (1.60, 1.70),
         (1.46, 1.54),
         (
-            (-0.5, 0.75, 0.86),
-            (-0.47, 0.95, 0.95),
-            (-0.2, 0.97, 1.0),
-            (0.25, 0.93, 1.0),
-            (0.44, 0.8, 0.94),
-            (0.5, 0.6, 0.8),
+            (-0.5, 0.75, 0.86), (-0.47, 0.95, 0.95), (-0.2, 0.95, 1.0),
+            (0.28, 0.95, 1.0), (0.44, 0.82, 0.94), (0.5, 0.6, 0.8),
         ),
-        (-0.48, 0.3, -0.4, 0.1),
+        (-0.47, 0.28, -0.4, 0.1),
     ),
     "high": Shape(
         (4.2, 4.6),
         (1.80, 1.88),
         (1.62, 1.72),
         (
-            (-0.5, 0.85, 0.88),
-            (-0.47, 1.08, 0.96),
-            (-0.2, 1.1, 1.0),
-            (0.22, 1.04, 1.0),
-            (0.44, 0.95, 0.96),
-            (0.5, 0.7, 0.84),
+            (-0.5, 0.85, 0.88), (-0.47, 1.06, 0.96), (-0.2, 1.06, 1.0),
+            (0.24, 1.06, 1.0), (0.44, 0.95, 0.96), (0.5, 0.7, 0.84),
         ),
-        (-0.48, 0.24, -0.4, 0.08),
+        (-0.47, 0.24, -0.4, 0.08),
     ),
     "van": Shape(
         (4.5, 4.8),
         (1.86, 1.93),
         (1.85, 2.0),
         (
-            (-0.5, 1.8, 0.92),
-            (-0.48, 1.95, 0.97),
-            (0.12, 1.95, 0.97),
-            (0.3, 1.15, 1.0),
-            (0.46, 0.95, 0.96),
-            (0.5, 0.65, 0.86),
+            (-0.5, 1.8, 0.92), (-0.48, 1.95, 0.97), (0.12, 1.95, 0.97),
+            (0.3, 1.15, 1.0), (0.46, 0.95, 0.96), (0.5, 0.65, 0.86),
         ),
         None,
     ),
-}
+}  # fmt: skip
 KINDS = ("saloon", "small", "high", "van")
 SHARES = (0.35, 0.3, 0.22, 0.13)  # of the kinds
 
@@ -110,7 +95,7 @@ def _layer(rear_m: float, front_m: float, half_m: float, z_m: float) -> Array:
 
 
 def car(rng: Rng, kind: str) -> tuple[Mesh, float, float]:
-    """One vehicle of a kind in `SHAPES`; also its length and width with mirrors [m]."""
+    """One vehicle of a kind in `SHAPES`; also its length and its width without mirrors [m]."""
     shape = SHAPES[kind]
     length, width, roof = (float(rng.uniform(*r)) for r in (shape.length_m, shape.width_m, shape.roof_m))
     low = float(rng.uniform(*UNDERSIDE_M))
@@ -127,7 +112,7 @@ def car(rng: Rng, kind: str) -> tuple[Mesh, float, float]:
         parts.append(
             hull_of_rings(
                 [
-                    _layer(foot_rear, foot_front, 0.93 * half, belt - 0.15),
+                    _layer(foot_rear, foot_front, 0.88 * half, belt + _SEAM_M),
                     _layer(top_rear - 0.08, top_front + 0.12, 0.8 * half, roof - 0.1),
                     _layer(top_rear + 0.05, top_front - 0.1, 0.68 * half, roof),
                 ]
@@ -136,7 +121,7 @@ def car(rng: Rng, kind: str) -> tuple[Mesh, float, float]:
     parts.append(_wheels(length, half, 0.30 if kind == "small" else 0.32))
     mirror = (0.07, 0.09, 0.07)
     parts += [box((0.2 * length, side * (half + 0.06), belt + 0.02), mirror) for side in (-1.0, 1.0)]
-    return merged(parts), length, width + 0.3
+    return merged(parts), length, width
 
 
 def _wheels(length_m: float, half_m: float, radius_m: float) -> Mesh:

@@ -10,7 +10,7 @@ from labr_autonomy.types import Array
 from sim.worlds.families import garage_things as things
 from sim.worlds.families.cars import KINDS, SHARES, car
 from sim.worlds.families.garage_plan import CROSS_M, Deck, Plan, Strip, plan
-from sim.worlds.families.garage_shell import block, shell
+from sim.worlds.families.garage_shell import SEAM_M, block, shell
 from sim.worlds.families.layout import Layout, Rng
 from sim.worlds.meshes import Mesh
 
@@ -27,7 +27,7 @@ def draw(rng: Rng, size_m: tuple[float, float], difficulty: float) -> Layout:
     first = drawn.decks[0].strips[0]
     core = first.kind == "B" and drawn.half_m[0] > 9.0
     if core:
-        structure.append(_core(drawn))
+        structure += _core(drawn)
     full = 0.5 + 0.35 * difficulty + float(rng.uniform(-0.1, 0.1))
     for deck in drawn.decks:
         for strip in deck.strips:
@@ -57,11 +57,12 @@ def _mirrored(part: Mesh, x: float, y: float) -> Mesh:
     return Mesh(part.vertices_m * np.array([x, y, 1.0]), np.ascontiguousarray(faces))
 
 
-def _core(drawn: Plan) -> Mesh:
-    """Stairs and lift in a corner, through all decks."""
+def _core(drawn: Plan) -> list[Mesh]:
+    """Stairs and lift in a corner of every deck that has this corner."""
     x, y = drawn.half_m
-    top = max(deck.ceiling_m for deck in drawn.decks)
-    return block((-x - 0.05, -y - 0.05, -0.05), (-x + _CORE_M[0], -y + _CORE_M[1], top + 0.05))
+    to = (-x + _CORE_M[0], -y + _CORE_M[1])
+    decks = [deck for deck in drawn.decks if deck.low_m == -y]
+    return [block((-x, -y, d.floor_m + SEAM_M), (*to, d.ceiling_m - SEAM_M)) for d in decks]
 
 
 def _row(rng: Rng, drawn: Plan, deck: Deck, strip: Strip, full: float, core: bool) -> list[Mesh]:
@@ -81,13 +82,14 @@ def _row(rng: Rng, drawn: Plan, deck: Deck, strip: Strip, full: float, core: boo
     centres = centres[(centres - 0.5 * pitch >= low - 0.01) & (centres + 0.5 * pitch <= high + 0.01)]
     back = -1.0 if _faces_up(deck, strip) else 1.0
     for x in centres.tolist():
-        nose = drawn.bay_rad + (math.pi if rng.random() < 0.5 else 0.0)
+        yaw = drawn.bay_rad + (math.pi if rng.random() < 0.5 else 0.0) + float(rng.normal(0.0, 0.01))
+        place = np.array([x, strip.middle_m]) + rng.uniform((-0.03, -0.1), (0.03, 0.1))
         taken = rng.random() < full
-        thing, length, width = car(rng, str(rng.choice(KINDS, p=SHARES)))
-        place = np.array([x, strip.middle_m]) + rng.uniform(-0.08, 0.08, 2)
-        yaw = nose + float(rng.normal(0.0, 0.02))
-        if taken and _clears(deck, place, yaw, length, width, drawn.pillar_m):
-            made.append(thing.moved(float(place[0]), float(place[1]), deck.floor_m, yaw))
+        for kind in (str(rng.choice(KINDS, p=SHARES)), "small"):  # the small one where a pillar is in the way
+            thing, length, width = car(rng, kind)
+            if taken and _clears(deck, place, yaw, length, width, drawn.pillar_m):
+                made.append(thing.moved(float(place[0]), float(place[1]), deck.floor_m, yaw))
+                break
         if _has_back(deck, strip):
             y = strip.middle_m + back * (0.5 * (strip.high_m - strip.low_m) - 0.5)
             along = x + (y - strip.middle_m) / math.tan(drawn.bay_rad)
@@ -136,8 +138,8 @@ def _clears(
     off = deck.pillars_m - place_m
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     along, across = np.abs(off @ [c, s]), np.abs(off @ [-s, c])
-    reach = 0.5 * pillar_m + 0.03
-    return not bool(((along < 0.5 * length_m + reach) & (across < 0.5 * width_m - 0.15 + reach)).any())
+    reach = 0.5 * pillar_m
+    return not bool(((along < 0.5 * length_m + reach) & (across < 0.5 * width_m + reach)).any())
 
 
 def _clutter(rng: Rng, drawn: Plan, deck: Deck, difficulty: float) -> list[Mesh]:

@@ -14,13 +14,15 @@ from sim.worlds.meshes import Mesh, box, hull_of_rings, prism, tube
 WALL_M = 0.2
 PARAPET_M = 0.9
 _PARAPET_WIDE_M = 0.15
-_IN_M = 0.05  # how far parts reach into each other, so that no two faces coincide
+_IN_M = 0.05  # how far thin parts reach into others, so that no two faces coincide
+SEAM_M = 1e-3  # between large parts side by side: rays that count surfaces see both faces
 
 
 def block(low_m: tuple[float, float, float], high_m: tuple[float, float, float]) -> Mesh:
-    """An upright box between two corners."""
+    """An upright box between two corners, half a seam narrower on each side."""
     low, high = np.array(low_m), np.array(high_m)
-    return box(0.5 * (low + high), 0.5 * (high - low))
+    half = 0.5 * (high - low) - np.array([0.5, 0.5, 0.0]) * SEAM_M
+    return box((0.5 * (low + high)).tolist(), half.tolist())
 
 
 def along_y(profile_m: Array, low_m: float, high_m: float) -> Mesh:
@@ -97,11 +99,12 @@ def _sunken(plan: Plan) -> list[Mesh]:
 def _ramp(ramp: Ramp) -> list[Mesh]:
     """A solid wedge, with a wall along each side that does not lean on another."""
     a, b, z0, z1 = ramp.from_m, ramp.to_m, ramp.bottom_m, ramp.top_m
-    wedge = np.array([[a, z0], [a, z0 - _IN_M], [b, z0 - _IN_M], [b, z1]])
+    foot, head = z0 + SEAM_M, b - 0.5 * SEAM_M
+    wedge = np.array([[a, foot], [head, foot], [head, z1]])
     wall = np.array([[a, z0 - _IN_M], [b, z0 - _IN_M], [b, z1 + PARAPET_M], [a, z0 + PARAPET_M]])
     kerb = np.array([[a, z0 - _IN_M], [b, z0 - _IN_M], [b, z1 + 0.12], [a, z0 + 0.12]])
     p = _PARAPET_WIDE_M
-    parts = [along_y(wedge, ramp.low_m, ramp.high_m)]
+    parts = [along_y(wedge, ramp.low_m + p + SEAM_M, ramp.high_m - p - SEAM_M)]
     if ramp.bottom_m < 0.0:  # beside a deck on the low side, open on the other
         return [
             *parts,

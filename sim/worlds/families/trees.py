@@ -78,9 +78,9 @@ def broadleaf(rng: Rng, diameter_m: float, lean: float, low_branches: int) -> Me
     half = wide * np.column_stack([rng.uniform(0.7, 1.0, (count, 2)), rng.uniform(0.55, 0.8, count)])
     centre, _ = stem.at(np.linspace(top, CROWN_M + 0.3 * (top - CROWN_M), count))
     centre[:, :2] += rng.uniform(-0.45, 0.45, (count, 2)) * wide
-    crown = blobs(rng, centre, half, rough=0.16)
+    crown = blobs(rng, centre, half, rough=0.16, sides=6)
     crown.vertices_m[:, 2] = np.maximum(crown.vertices_m[:, 2], CROWN_M + rng.uniform(0.0, 0.2))
-    parts = [stem.mesh(), crown, branches(rng, stem, 2.0, CROWN_M + 0.3, 2, 0.9 * wide)]
+    parts = [stem.mesh(), crown, branches(rng, stem, 2.0, CROWN_M + 0.3, 1, 0.9 * wide)]
     if low_branches:
         parts.append(branches(rng, stem, 0.5, 2.0, low_branches, 0.5 + 2.0 * diameter_m))
     return merged(parts)
