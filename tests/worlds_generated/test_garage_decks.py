@@ -129,5 +129,5 @@ def test_a_place_within_the_ramp_is_known_to_be_inside_and_one_over_it_is_not():
         x = ramp.from_m + share * (ramp.to_m - ramp.from_m)
         place = np.array([*(np.array([x, 0.5 * (ramp.low_m + ramp.high_m)]) * mirror), 0.0])
         height = share * ramp.top_m
-        assert surface.inside(place + [0.0, 0.0, 0.5 * height])
-        assert not surface.inside(place + [0.0, 0.0, height + 0.3])
+        assert surface.inside(place + np.array([0.0, 0.0, 0.5 * height]))
+        assert not surface.inside(place + np.array([0.0, 0.0, height + 0.3]))
