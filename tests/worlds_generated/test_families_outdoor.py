@@ -111,8 +111,9 @@ def free_ground(drawn, cell_m):
     free = np.zeros((len(x), len(y)), dtype=bool)
     for i, a in enumerate(x):
         for j, b in enumerate(y):
-            place = np.array([a, b, bare.floor_below(a, b, 1.8) + STAND_M])
-            free[i, j] = whole.clearance(place, on_floor=True, reach_m=0.05) > 0.0
+            place = np.array([a, b, bare.floor_below(a, b, 0.9) + STAND_M])
+            touches = whole.clearance(place, on_floor=True, reach_m=0.05) <= 0.0
+            free[i, j] = not touches and not whole.inside(place)
     return free
 
 
