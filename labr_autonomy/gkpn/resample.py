@@ -48,9 +48,7 @@ def _means(depth_m: Image, rows: Array, columns: Array, range_m: float, least: f
     return out
 
 
-def network_image(
-    depth_m: Image, intrinsics: Intrinsics, width: int = WIDTH, height: int = HEIGHT
-) -> Image:
+def network_image(depth_m: Image, intrinsics: Intrinsics, width: int = WIDTH, height: int = HEIGHT) -> Image:
     """Depth (h, w) [m] to (height, width) [m] of the same view, 0 = invalid."""
     h, w = depth_m.shape
     kx, ky = width / WIDTH, height / HEIGHT

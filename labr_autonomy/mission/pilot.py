@@ -296,6 +296,7 @@ class Pilot:
             land_path_ends=plan.land_path_ends,
             take_off_clear=plan.take_off_clear,
             landing_clear=plan.landing_clear,
+            hop=plan.hop,
         )
 
     def _hand_over(

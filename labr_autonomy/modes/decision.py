@@ -31,6 +31,7 @@ class Facts:
     land_path_ends: bool  # no way on by land towards the place under the goal
     take_off_clear: bool  # room for the rotors here and above
     landing_clear: bool  # room to come down here
+    hop: bool = False  # the planned way changes the mode again before the goal
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +63,10 @@ def lift_off_distance_m(start_m: Array, points_m: Array, air: np.ndarray) -> flo
 def wish(facts: Facts, energy: EnergyModel) -> Mode:
     """The mode that the facts ask for, without memory."""
     if facts.mode is Mode.AIR:
-        return Mode.LAND if not facts.goal_in_air and facts.landing_clear else Mode.AIR
-    if not facts.goal_in_air or not facts.take_off_clear:
+        down = facts.hop or not facts.goal_in_air
+        return Mode.LAND if down and facts.landing_clear else Mode.AIR
+    up = facts.hop or facts.goal_in_air
+    if not up or not facts.take_off_clear:
         return Mode.LAND
     drivable_m = min(facts.lift_off_m, facts.goal_distance_xy_m)
     saving_j = energy.air_j(drivable_m) - energy.land_j(drivable_m)

@@ -68,6 +68,7 @@ class PlanResult:
     take_off_clear: bool
     landing_clear: bool
     timings: Timings
+    hop: bool = False  # the way to a goal on land leaves the floor, or that to one in the air comes down
     map_xy_m: NDArray[np.float32] | None = field(default=None)  # (n, 2) obstacle cells, now and then
 
 

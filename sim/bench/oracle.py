@@ -84,6 +84,7 @@ class OraclePlanner:
             take_off_clear=take_off,
             landing_clear=landing,
             timings=Timings(route_s=routed_s - began_s, refine_s=done_s - routed_s, total_s=done_s - began_s),
+            hop=self._route is not None and self._leg < len(self._route.legs) - 1,
         )
 
     # ------------------------------------------------------------------ where on the route

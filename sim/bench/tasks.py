@@ -160,7 +160,7 @@ def _draw_start(known: Known, rng: np.random.Generator, robot: RobotConfig) -> S
     floor = np.flatnonzero(known.free.land.ground)
     number = int(rng.choice(floor))
     place = known.places_m[number]
-    if not known.surface.clear(place[None], LAND_CLEAR_M, on_floor=True)[0]:
+    if not _stands(known, place):
         return None
     for yaw in rng.uniform(-math.pi, math.pi, 8):
         start = (float(place[0]), float(place[1]), float(yaw), float(land.floor_z_m[number]))
@@ -229,8 +229,14 @@ def _roomy(known: Known, goal_m: Array, in_air: bool) -> bool:
     """Exactly: the clearance that a goal must have."""
     surface = known.surface
     if not in_air:
-        return bool(surface.clear(goal_m[None], LAND_CLEAR_M, on_floor=True)[0])
+        return _stands(known, goal_m)
     return bool(surface.clear(goal_m[None], AIR_CLEAR_M)[0] and surface.away(goal_m[None], HOVER_M)[0])
+
+
+def _stands(known: Known, place_m: Array) -> bool:
+    """Exactly: whether the robot can stand at a place (3,) with room to spare, on the floor as it slopes."""
+    slope = np.array([known.surface.floor_slope(*(float(v) for v in place_m))])
+    return bool(known.surface.clear(place_m[None], LAND_CLEAR_M, on_floor=True, slopes=slope)[0])
 
 
 def _on_land(known: Known, start: Start, driven: bool) -> Array:

@@ -132,9 +132,13 @@ def supported(
     reach: int,
     step: float,
     slope: float,
-) -> Bits:
-    """Whether floor goes on all round at `reach` columns' distance and is no steeper than `slope`, (n,)."""
+) -> tuple[Bits, Floats]:
+    """Whether floor goes on all round at `reach` columns' distance and is no steeper than `slope`, (n,).
+
+    Also its rise per metre in x and y, (n, 2), where it does.
+    """
     out = np.zeros(len(z_m), np.bool_)
+    rises = np.zeros((len(z_m), 2))
     around = np.empty((3, 3))
     for p in range(len(z_m)):
         i, j = column[p] // ny, column[p] % ny
@@ -155,7 +159,8 @@ def supported(
             run = 2.0 * reach * cell
             gx, gy = (around[2, 1] - around[0, 1]) / run, (around[1, 2] - around[1, 0]) / run
             out[p] = math.hypot(gx, gy) <= slope * 1.001
-    return out
+            rises[p, 0], rises[p, 1] = gx, gy
+    return out, rises
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]

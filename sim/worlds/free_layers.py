@@ -164,16 +164,16 @@ def standing(
     column, z = column[upper], z[upper]
     starts = _starts(column, nx * ny)
     reach = max(1, round(SUPPORT_M / cell))
-    fit = kernels.supported(starts, column, z, nx, ny, cell, reach, STEP_M, slope)
+    fit, rises = kernels.supported(starts, column, z, nx, ny, cell, reach, STEP_M, slope)
     tall = config.body.below_m + config.body.above_m
     overhead = np.append(np.where(column[1:] == column[:-1], z[1:] - z[:-1], math.inf), math.inf)[: len(z)]
     fit &= overhead > tall
     i, j = np.divmod(column, ny)
     xy = origin + (np.column_stack([i, j]) + 0.5) * cell
     fit &= ((xy >= region_m[0, :2]) & (xy <= region_m[1, :2])).all(axis=1)
-    column, z, xy = column[fit], z[fit], xy[fit]
+    column, z, xy, rises = column[fit], z[fit], xy[fit], rises[fit]
     body_m = np.column_stack([xy, z + config.body.below_m])
-    free = surface.clear(body_m, margin_m, on_floor=True)
+    free = surface.clear(body_m, margin_m, on_floor=True, slopes=rises)
     column, z, body_m = column[free], z[free], body_m[free]
     island = _islands(kernels.neighbours(_starts(column, nx * ny), column, z, nx, ny, cell, STEP_M, slope))
     real = _outside_solids(surface, body_m, island)

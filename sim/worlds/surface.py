@@ -135,7 +135,8 @@ class Surface:
         """Whether no surface is nearer than `distance_m` to each of many points (n, 3), (n,)."""
         p = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
         z = p[:, 2].copy()
-        out: NDArray[np.bool_] = clear_of(*self.index, p[:, :2].copy(), 0.0, z, z, False, distance_m, np.zeros((len(p), 2)))
+        level = np.zeros((len(p), 2))
+        out: NDArray[np.bool_] = clear_of(*self.index, p[:, :2].copy(), 0.0, z, z, False, distance_m, level)
         return out
 
     def headrooms(self, points_m: Array, radius_m: float) -> NDArray[np.float64]:
