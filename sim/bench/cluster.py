@@ -71,7 +71,11 @@ class RayExecutor:
         job = self._running.pop(reference)
         try:
             finished: Finished = self._ray.get(reference)
-        except self._ray.exceptions.RayError as error:  # the worker or its machine died
+        except self._ray.exceptions.RayTaskError as error:  # before `attempt`: the code is not there
+            return failure(job, error.cause)
+        except self._ray.exceptions.WorkerCrashedError as error:
+            return Finished(job, None, "the worker process died", str(error))
+        except self._ray.exceptions.RayError as error:  # its machine has gone, or the cluster
             return failure(job, error)
         return finished
 

@@ -130,7 +130,7 @@ def draw_way(axes: Axes, points: Array, flown: NDArray[np.bool_]) -> None:
         return
     colours = np.where(flown[1:], AIR, LAND)
     pieces = np.stack([points[:-1], points[1:]], axis=1)
-    axes.add_collection(LineCollection(pieces, colors=colours.tolist(), linewidths=1.8, zorder=5))
+    axes.add_collection(LineCollection(list(pieces), colors=colours.tolist(), linewidths=1.8, zorder=5))
 
 
 def draw_side(axes: Axes, task: Task, result: TrialResult) -> None:
