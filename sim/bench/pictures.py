@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from labr_autonomy.config import RobotConfig
@@ -112,6 +113,7 @@ def draw_top(axes: Axes, world: World, task: Task, result: TrialResult | None, *
     axes.plot(*ends[1], "o", ms=8, mfc="white", mec=AIR if task.in_air else LAND, mew=1.8, zorder=6)
     if result is not None and result.outcome != "reached" and len(places):
         axes.plot(*places[-1, :2], "X", ms=8, mfc=BAD, mec="white", mew=0.8, zorder=7)
+        axes.add_patch(Circle(places[-1, :2], robot.radius_m, fill=False, ec=BAD, linewidth=0.9, zorder=7))
     axes.set(
         xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal"
     )
@@ -139,19 +141,12 @@ def draw_side(axes: Axes, task: Task, result: TrialResult) -> None:
     travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1))])
     draw_way(axes, np.column_stack([travelled[: len(places)], places[:, 2]]), flown)
     axes.axhline(task.start[3], color=FAINT, linewidth=0.8)
-    axes.plot(
-        travelled[-1],
-        task.goal_m[2],
-        "o",
-        ms=7,
-        mfc="white",
-        mec=AIR if task.in_air else LAND,
-        mew=1.6,
-        zorder=6,
-    )
+    colour = AIR if task.in_air else LAND
+    goal_at = float(travelled[-1] + np.linalg.norm(places[-1, :2] - task.goal_m[:2]))
+    axes.plot(goal_at, task.goal_m[2], "o", ms=7, mfc="white", mec=colour, mew=1.6, zorder=6)
     heights = np.append(places[:, 2], [task.goal_m[2], task.start[3] + 0.5])
     axes.set(
-        xlim=(0.0, max(float(travelled[-1]) * 1.02, 0.1)),
+        xlim=(0.0, max(goal_at * 1.02, 0.1)),
         ylim=(min(task.start[3], heights.min()) - 0.1, heights.max() + 0.3),
     )
     axes.set(xlabel="distance travelled [m]", ylabel="height [m]")
@@ -199,7 +194,7 @@ def trial_picture(task: Task, result: TrialResult, title: str) -> bytes:
         top.set_title(f"{title}: {result.outcome}, {result.time_s:.0f} s, {result.energy_j / 1e3:.2f} kJ")
         draw_top(top, world, task, result)
         top.set(xlabel="x [m]", ylabel="y [m]")
-        top.legend(handles=key(), loc="upper right", frameon=True, framealpha=0.9, fontsize=7)
+        figure.legend(handles=key(), loc="outside lower center", ncols=6, frameon=False, fontsize=7)
         if len(result.track):
             draw_side(side, task, result)
         return png(figure)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -242,18 +243,20 @@ def test_workers_compute_with_one_thread_and_keep_stdout_clean(tmp_path, capfd, 
 
 
 @pytest.mark.slow
-def test_killed_in_mid_run_it_leaves_no_process_and_goes_on(tmp_path):
-    """SIGKILL, the hardest end: workers die with their parent, what was reported is on the disk."""
+@pytest.mark.parametrize("end_by", [signal.SIGKILL, signal.SIGINT])
+def test_ended_in_mid_run_it_leaves_no_process_and_goes_on(tmp_path, end_by):
+    """Workers die with their parent, what was reported is on the disk; Ctrl-C goes to the whole group."""
     marks = tmp_path / "marks"
     marks.mkdir()
     place = Place("indoor", {"family": "indoor", "marks": str(marks)})
     code = (
-        "import sys, pathlib; sys.path.insert(0, sys.argv[2])\n"
+        "import signal, sys, pathlib; sys.path.insert(0, sys.argv[2])\n"
         "import bench_fakes as f\n"
         "from sim.bench.executors import ProcessExecutor\n"
         "from sim.bench.run import run_bench\n"
         "from sim.bench.settings import Place, open_folder\n"
         "if __name__ == '__main__':\n"
+        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "    out = pathlib.Path(sys.argv[1])\n"
         "    s = f.settings(places=(Place('indoor', {'family': 'indoor', 'marks': sys.argv[3]}),))\n"
         "    open_folder(s, out, resume=False)\n"
@@ -263,7 +266,8 @@ def test_killed_in_mid_run_it_leaves_no_process_and_goes_on(tmp_path):
     script.write_text(code)
     out = tmp_path / "run"
     arguments = [sys.executable, str(script), str(out), str(Path(__file__).parent), str(marks)]
-    process = subprocess.Popen(arguments, env={**os.environ, "PYTHONPATH": str(ROOT), "BENCH_RUN": str(out)})
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "BENCH_RUN": str(out)}
+    process = subprocess.Popen(arguments, env=env, start_new_session=True, stderr=subprocess.DEVNULL)
     clock = SystemClock()
     due_s = clock.now_s() + 15.0
     mine = f"BENCH_RUN={out}\0"
@@ -272,8 +276,8 @@ def test_killed_in_mid_run_it_leaves_no_process_and_goes_on(tmp_path):
         assert process.poll() is None
         pause_s(0.02)
     assert len(_processes(mine)) >= 3  # itself and two workers
-    process.kill()
-    process.wait()
+    os.killpg(process.pid, end_by)
+    process.wait(10.0)
     asked = fakes.settings(places=(place,))
     open_folder(asked, out, resume=True)
     rest = fakes.Inline()

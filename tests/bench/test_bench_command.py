@@ -149,7 +149,8 @@ def test_a_mesh_world_is_a_place_of_its_own(bench, tmp_path):
     np.savez(tmp_path / "house.npz", V=np.eye(3, dtype=np.float32), F=np.array([[0, 1, 2]]))
     path = tmp_path / "my_house.yaml"
     path.write_text(
-        "mesh: house.npz\nscale: 0.01\nup: Y\nstart: {x: 1, y: 2, yaw_deg: 180}\ngoals: [[3, 4], [5, 6, 1.5]]\n"
+        "mesh: house.npz\nscale: 0.01\nup: Y\nstart: {x: 1, y: 2, yaw_deg: 180}\n"
+        "goals: [[3, 4], [5, 6, 1.5]]\n"
     )
     place = load_place(path)
     assert place.name == "my-house"
