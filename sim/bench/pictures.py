@@ -113,7 +113,11 @@ def draw_top(axes: Axes, world: World, task: Task, result: TrialResult | None, *
     axes.plot(*ends[1], "o", ms=8, mfc="white", mec=AIR if task.in_air else LAND, mew=1.8, zorder=6)
     if result is not None and result.outcome != "reached" and len(places):
         axes.plot(*places[-1, :2], "X", ms=8, mfc=BAD, mec="white", mew=0.8, zorder=7)
-        axes.add_patch(Circle(places[-1, :2], robot.radius_m, fill=False, ec=BAD, linewidth=0.9, zorder=7))
+        axes.add_patch(
+            Circle(
+                (places[-1, 0], places[-1, 1]), robot.radius_m, fill=False, ec=BAD, linewidth=0.9, zorder=7
+            )
+        )
     axes.set(
         xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal"
     )
