@@ -4,6 +4,7 @@
 mesh: small_house.npz        # .glb .obj .ply .stl .dae, or .npz with V and F; relative to this file
 scale: 1.0                   # metres per unit
 up: z                        # axis of the file that points up
+bounds: [[-9, -5, -0.1], [9, 5, 2.5]]              # corners of where goals are drawn; left out: the mesh's
 start: {x: -7.0, y: 2.0, yaw_deg: 90.0, z: 0.0}    # floor height z; left out: sampled
 goals: [[4.0, -2.0], [5.0, 1.0, 1.5]]              # x, y on the floor; x, y, z in the air; left out: sampled
 ```
@@ -33,6 +34,7 @@ class Start(Section):
     z: float = Field(default=0.0, description="height of the floor there [m]")
 
 
+Corner = Annotated[list[float], Field(min_length=3, max_length=3)]
 Goal = Annotated[list[float], Field(min_length=2, max_length=3)]
 
 
@@ -44,6 +46,7 @@ class WorldFile(Section):
     scale: float = Field(default=1.0, gt=0.0)
     up: Literal["x", "y", "z", "X", "Y", "Z"] | None = None
     start: Start | None = None
+    bounds: list[Corner] | None = Field(default=None, min_length=2, max_length=2)
     goals: list[Goal] | None = Field(default=None, min_length=1)
 
 
@@ -51,8 +54,8 @@ def load_place(path: Path) -> Place:
     """Read a world file.
 
     Returns:
-        A place whose spec holds `mesh`, `scale`, `up`, `worlds_dir` as `build_world` takes them, and `start`
-        [x, y, yaw_rad, floor z] and `goals` where the file names them.
+        A place whose spec holds `mesh`, `scale`, `up`, `worlds_dir` as `build_world` takes them, and
+        `bounds`, `start` [x, y, yaw_rad, floor z] and `goals` where the file names them.
 
     Raises:
         FileProblems, BadInput: when it cannot be used.
@@ -67,6 +70,8 @@ def load_place(path: Path) -> Place:
     if world.start is not None:
         start = world.start
         spec["start"] = [start.x, start.y, math.radians(start.yaw_deg), start.z]
+    if world.bounds is not None:
+        spec["bounds"] = world.bounds
     if world.goals is not None:
         spec["goals"] = world.goals
     return Place(slug(world.name or path.stem), spec)

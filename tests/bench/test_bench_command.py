@@ -150,7 +150,7 @@ def test_a_mesh_world_is_a_place_of_its_own(bench, tmp_path):
     path = tmp_path / "my_house.yaml"
     path.write_text(
         "mesh: house.npz\nscale: 0.01\nup: Y\nstart: {x: 1, y: 2, yaw_deg: 180}\n"
-        "goals: [[3, 4], [5, 6, 1.5]]\n"
+        "goals: [[3, 4], [5, 6, 1.5]]\nbounds: [[0, 0, 0], [9, 9, 3]]\n"
     )
     place = load_place(path)
     assert place.name == "my-house"
@@ -159,6 +159,7 @@ def test_a_mesh_world_is_a_place_of_its_own(bench, tmp_path):
         "scale": 0.01,
         "worlds_dir": str(tmp_path),
         "up": "y",
+        "bounds": [[0.0, 0.0, 0.0], [9.0, 9.0, 3.0]],
         "start": [1.0, 2.0, pytest.approx(np.pi), 0.0],
         "goals": [[3.0, 4.0], [5.0, 6.0, 1.5]],
     }

@@ -110,6 +110,8 @@ def test_the_last_depth_looks_along_the_last_motion():
     assert pictures.last_depth(world, fakes.make_result(track=[])) is None
 
 
-def test_a_trial_without_a_way_is_drawn_too():
-    png = pictures.trial_picture(fakes.make_task(4), fakes.make_result(track=[], outcome="stopped"), "t")
+def test_a_trial_without_a_way_in_a_world_that_asks_for_more_is_drawn_too():
+    task = fakes.make_task(4)
+    task.world.update(start=[-4.0, 0.0, 0.0, 0.0], goals=[[4.0, 1.0]])
+    png = pictures.trial_picture(task, fakes.make_result(track=[], outcome="stopped"), "t")
     assert share_of(png, pictures.WALL) > 0.1
