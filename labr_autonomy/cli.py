@@ -202,13 +202,12 @@ def sim(
     if sum(given is not None for given in (mission, family, world)) != 1:
         raise BadInput("sim takes one of MISSION, --family and --world", "Name exactly one of them")
     if mission is None:
-        if worlds is not None:
-            raise BadInput("--worlds is for missions", "A world file names its mesh relative to itself")
         from labr_autonomy.commands.replay import replay
 
         replay(
             family=family,
             world=world,
+            worlds_dir=worlds,
             seed=seed or 0,
             method=method or "two-stage",
             difficulty=difficulty,

@@ -46,6 +46,13 @@ _common: list[Callable[[Any], Any]] = [
     ),
     click.option("--no-pictures", is_flag=True, help="Write the tables only."),
 ]
+worlds_dir_option = click.option(
+    "--worlds",
+    "worlds_dir",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Folder with meshes and world files.",
+)
 
 
 def _with_common(command: Callable[..., None]) -> Callable[..., None]:
@@ -67,13 +74,14 @@ def bench() -> None:
     type=click.Path(path_type=Path, dir_okay=False),
     multiple=True,
     metavar="FILE.yaml",
-    help="A mesh world with its scale, up axis, start and goals; may be repeated.",
+    help="A mesh world: a file, or a name: workshop.yaml, small_house.yaml, ... May be repeated.",
 )
 @click.option(
     "--trials", type=click.IntRange(1, 100_000), default=100, metavar="N", help="In each world kind."
 )
 @click.option("--method", default="all", metavar="M[,M..]|all", help="two-stage, iplanner, mapping, oracle.")
 @difficulty_option
+@worlds_dir_option
 @_with_common
 def navigation(
     family: str | None,
@@ -94,7 +102,7 @@ def navigation(
     from sim.bench.settings import Settings
 
     methods = tuple(m.name for m in find_methods(method))
-    places = find_places(family, worlds, difficulty)
+    places = find_places(family, worlds, difficulty, common.pop("worlds_dir"))
     arguments = ["--trials", str(trials), "--method", ",".join(methods), "--seed", str(common["seed"])]
     generated = [place.name for place in places if "family" in place.spec]
     arguments += ["--family", ",".join(generated)] if generated else []
@@ -146,8 +154,16 @@ def table3(trials: int, method: str, **common: Any) -> None:
     _end(findings, results, as_json=common["as_json"])
 
 
-def find_places(family: str | None, worlds: tuple[Path, ...], difficulty: float | None) -> tuple[Place, ...]:
+def find_places(
+    family: str | None, worlds: tuple[Path, ...], difficulty: float | None, worlds_dir: Path | None
+) -> tuple[Place, ...]:
     """Where to fly.
+
+    Args:
+        family: Families with commas, or all.
+        worlds: World files: paths, or names of files in `worlds_dir` or of those that come along.
+        difficulty: Of generated worlds.
+        worlds_dir: Folder of meshes and world files.
 
     Raises:
         BadInput: for an unknown family, two places of one name, or none at all.
@@ -165,9 +181,9 @@ def find_places(family: str | None, worlds: tuple[Path, ...], difficulty: float 
     hardness = DIFFICULTY if difficulty is None else difficulty
     places = [Place(name, {"family": name, "difficulty": hardness}) for name in names]
     if worlds:
-        from sim.bench.world_file import load_place
+        from sim.bench.settings import world_place
 
-        places += [load_place(path) for path in worlds]
+        places += [world_place(path, worlds_dir) for path in worlds]
     if not places:
         raise BadInput("no world is named", "Say --family indoor (or all), or --world FILE.yaml")
     twice = [p.name for i, p in enumerate(places) if p.name in {q.name for q in places[:i]}]

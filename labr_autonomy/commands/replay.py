@@ -18,6 +18,7 @@ def replay(
     *,
     family: str | None,
     world: Path | None,
+    worlds_dir: Path | None,
     seed: int,
     method: str,
     difficulty: float | None,
@@ -30,6 +31,7 @@ def replay(
     Args:
         family: Name of a generated family, or
         world: a mesh world's file.
+        worlds_dir: Folder of meshes and world files.
         seed: Of the trial.
         method: One of `sim.bench.methods.METHODS`.
         difficulty: Of a generated world.
@@ -43,7 +45,7 @@ def replay(
     from sim.bench.methods import METHODS
     from sim.bench.report_lines import describe
 
-    places = find_places(family, () if world is None else (world,), difficulty)
+    places = find_places(family, () if world is None else (world,), difficulty, worlds_dir)
     if len(places) != 1:
         raise BadInput(f"{len(places)} families are named", "Name one; a trial is in one world")
     if method not in METHODS:

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from labr_autonomy.errors import BadInput
-from labr_autonomy.record.run_folder import make_run_folder
+from labr_autonomy.record.run_folder import make_run_folder, slug
 from labr_autonomy.record.summary import versions
 from sim.bench.records import read_json, write_whole
+from sim.worlds.build import build_world
 
 FILE = "settings.json"
 
@@ -23,6 +24,18 @@ class Place:
 
     name: str  # a family's, or a mesh world's own
     spec: dict[str, Any]  # for `sample_task`
+
+
+def world_place(path: Path, worlds_dir: Path | None) -> Place:
+    """The place of a world file, which is checked against its mesh.
+
+    Raises:
+        FileProblems, BadInput: when it cannot be used.
+    """
+    world = build_world(
+        {"file": str(path.resolve() if path.is_file() else path)}, seed=0, worlds_dir=worlds_dir
+    )
+    return Place(slug(world.name), world.spec)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,8 @@ from pydantic_core import PydanticCustomError
 
 from labr_autonomy.errors import BadInput
 from labr_autonomy.mission.load import validated
-from labr_autonomy.mission.schema import BelowFolder, Coordinate, Section
+from labr_autonomy.mission.schema import BelowFolder, Coordinate
+from labr_autonomy.mission.section import Section
 from labr_autonomy.mission.source import read_source
 
 SHIPPED = Path(__file__).resolve().parent / "files"  # world files that come with the simulator

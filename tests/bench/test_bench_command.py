@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from labr_autonomy import cli
 from labr_autonomy.errors import BadInput
 from sim.bench import jobs, methods, run
-from sim.bench.world_file import load_place
+from sim.bench.settings import world_place
 
 ROW_KEYS = {  # design.md, "Contracts", and what the benchmark adds
     *("family", "method", "trials", "reached_pct", "contact_pct", "timeout_pct", "time_s", "land_m", "air_m"),
@@ -145,20 +145,24 @@ def test_differing_settings_are_named(bench, tmp_path):
     assert "seed was 0 and is 5 now" in done.stderr
 
 
-def test_a_mesh_world_is_a_place_of_its_own(bench, tmp_path):
-    np.savez(tmp_path / "house.npz", V=np.eye(3, dtype=np.float32), F=np.array([[0, 1, 2]]))
-    path = tmp_path / "my_house.yaml"
+def write_floor(folder):
+    """A floor of 12 x 12 m as a mesh file."""
+    corners = np.array([[0, 0, 0], [12, 0, 0], [12, 12, 0], [0, 12, 0]], dtype=np.float32)
+    np.savez(folder / "house.npz", V=corners, F=np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def test_a_world_file_becomes_a_place_of_its_name(bench, tmp_path):
+    write_floor(tmp_path)
+    path = tmp_path / "mine.yaml"
     path.write_text(
-        "mesh: house.npz\nscale: 0.01\nup: Y\nstart: {x: 1, y: 2, yaw_deg: 180}\n"
-        "goals: [[3, 4], [5, 6, 1.5]]\nbounds: [[0, 0, 0], [9, 9, 3]]\n"
+        "version: 1\nname: my house\nmesh: house.npz\nstart: {x: 1, y: 2, yaw_deg: 180}\n"
+        "goals: [{x: 3, y: 4}, {x: 5, y: 6, z: 1.5}]\nbounds: [[0, 0, 0], [9, 9, 3]]\n"
     )
-    place = load_place(path)
+    place = world_place(path, None)
     assert place.name == "my-house"
-    assert place.spec == {
+    said = {key: place.spec[key] for key in ("mesh", "bounds", "start", "goals")}
+    assert said == {
         "mesh": "house.npz",
-        "scale": 0.01,
-        "worlds_dir": str(tmp_path),
-        "up": "y",
         "bounds": [[0.0, 0.0, 0.0], [9.0, 9.0, 3.0]],
         "start": [1.0, 2.0, pytest.approx(np.pi), 0.0],
         "goals": [[3.0, 4.0], [5.0, 6.0, 1.5]],
@@ -172,17 +176,23 @@ def test_a_mesh_world_is_a_place_of_its_own(bench, tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("mesh: gone.npz\n", "names the mesh 'gone.npz'"),
-        ("mesh: a.npz\nscale: -1\n", "w.yaml:2:8"),
-        ("mesh: a.npz\ngoal: [1, 2]\n", "w.yaml:2:1"),
-        ("mesh: a.npz\ngoals: [[1]]\n", "w.yaml:2"),
+        ("version: 1\nname: w\nmesh: gone.npz\n", "gone.npz"),
+        ("version: 1\nname: w\nmesh: house.npz\nscale: -1\n", "w.yaml:4:8"),
+        ("version: 1\nname: w\nmesh: house.npz\ngoal: [1, 2]\n", "w.yaml:4:1"),
+        ("version: 1\nname: w\nmesh: house.npz\nstart: {x: 50, y: 1}\n", "start"),
     ],
 )
 def test_a_wrong_world_file_is_said_with_its_place(tmp_path, text, words):
+    write_floor(tmp_path)
     (tmp_path / "w.yaml").write_text(text)
     with pytest.raises(BadInput) as error:
-        load_place(tmp_path / "w.yaml")
+        world_place(tmp_path / "w.yaml", None)
     assert words in str(error.value)
+
+
+def test_a_world_that_comes_along_is_named_without_a_path(bench):
+    done = bench("navigation", "--world", "workshop.yaml", "--trials", 1, "--json", "--no-pictures")
+    assert {row["family"] for row in json.loads(done.stdout)["rows"]} == {"workshop"}
 
 
 def test_another_robot_reaches_the_workers(bench, tmp_path):
@@ -274,7 +284,6 @@ def test_sim_show_writes_a_picture_and_says_where(sim, tmp_path):
         (("m.yaml", "--show"), "are of a trial"),
         (("--family", "indoor,forest"), "2 families are named"),
         (("--family", "indoor", "--method", "magic"), "no method 'magic'"),
-        (("--family", "indoor", "--worlds", "d"), "--worlds is for missions"),
     ],
 )
 def test_sim_says_what_does_not_go_together(sim, arguments, words):
@@ -301,7 +310,7 @@ def test_many_events_leave_out_the_middle(sim):
 
 def test_the_registry_makes_only_what_it_knows():
     assert [m.name for m in methods.find_methods("oracle, two-stage")] == ["two-stage", "oracle"]
-    with pytest.raises(BadInput, match="no method 'x'"):
+    with pytest.raises(BadInput, match="no planner for the method 'x'"):
         methods.make_planner("x", None, None)
     assert not methods.METHODS["iplanner"].suits(True)
     assert methods.METHODS["mapping"].suits(True)
