@@ -24,7 +24,14 @@ from sim.bench.jobs import Answer, Job, Work
 
 WALL_MAX_S = 3600.0  # of one flight; a worker that hangs longer ends itself and leaves its stack in the log
 ONE_THREAD = {
-    name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+    name: "1"
+    for name in (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "NUMBA_NUM_THREADS",
+        "OPENCV_FOR_THREADS_NUM",
+    )
 }
 
 

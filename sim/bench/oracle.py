@@ -13,6 +13,7 @@ import numpy as np
 
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
+from labr_autonomy.perception.fields import Field2, Field3
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
 from labr_autonomy.refine.planner import Refiner
 from labr_autonomy.refine.reference import along, to_key_points
@@ -30,6 +31,7 @@ AT_END_M = 0.15
 SPACING_M = 0.4  # of the points that the refiner is given
 POINTS = 9
 FIELD_HALF_M = (3.5, 3.5)
+KEEP_M = 0.5  # a true field around a place serves this far away from it
 
 
 class OraclePlanner:
@@ -50,6 +52,8 @@ class OraclePlanner:
         self._leg = 0
         self._asked: tuple[bytes, bool] | None = None
         self._routed_s = -math.inf
+        self._ground: tuple[Array, Field2] | None = None  # where it was taken, and the map
+        self._space: tuple[Array, Field3] | None = None
 
     def cycle(self, request: PlanRequest, frame: DepthFrame | None) -> PlanResult:
         """Plan once. The frame is not looked at."""
@@ -142,14 +146,18 @@ class OraclePlanner:
         here = np.array(motion.position_m, dtype=float)
         state = LandState(here[:2], motion.yaw_rad, motion.speed_mps, motion.yaw_rate_rps, float(here[2]))
         stand = np.array([*here[:2], request.floor_z_m + self._config.body.below_m])
-        field = self._known.free.land_field(stand, FIELD_HALF_M)
+        if self._ground is None or math.dist(stand, self._ground[0]) > KEEP_M:
+            self._ground = stand, self._known.free.land_field(stand, FIELD_HALF_M)
+        field = self._ground[1]
         return self._refiner.land(state, points, field, request.start_s, self._previous, source=Source.SEARCH)
 
     def _fly(self, request: PlanRequest, points: Array) -> RefineResult:
         motion = request.motion
         here = motion.position_m
         state = AirState(here, motion.velocity_mps, motion.acceleration_mps2, motion.yaw_rad)
-        field = self._known.free.air_field(here, FIELD_HALF_M)
+        if self._space is None or math.dist(here, self._space[0]) > KEEP_M:
+            self._space = here, self._known.free.air_field(here, FIELD_HALF_M)
+        field = self._space[1]
         return self._refiner.air(
             state,
             points,

@@ -15,14 +15,13 @@ An active stereo pair measures disparity, so its flaws are laid in disparity, at
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labr_autonomy.config import Camera
 from labr_autonomy.types import Image, Intrinsics
+from sim.camera.noise_kernel import spoil
 
 SENSOR_COLUMNS = 848  # the stream of which the images are a binned version
 
@@ -51,65 +50,33 @@ def flawed_depth(depth_m: Image, intrinsics: Intrinsics, seed: int, camera: D435
     """
     c = camera or D435i()
     rng = np.random.Generator(np.random.SFC64(seed))
-    bins = np.float32(SENSOR_COLUMNS / intrinsics.width)
-    fb = np.float32(intrinsics.fx * c.baseline_m) * bins  # [px m]
-    seen = depth_m > np.float32(0.0)
-    disparity = np.divide(fb, depth_m, out=np.zeros_like(depth_m), where=seen)  # [sensor px]
-    column = np.arange(intrinsics.width, dtype=np.float32) * bins
-    right = column - disparity  # where the right imager sees the same point
-    valid = seen & (right >= 0.0)
-    # A point is hidden when a point further right in this image lands at or left of it in the other one.
-    nearest = np.minimum.accumulate(right[:, ::-1], axis=1)[:, ::-1]
-    valid[:, :-1] &= right[:, :-1] < nearest[:, 1:]
-    edges = np.flatnonzero(_edges(disparity, c.edge_px))
-    valid.ravel()[edges[rng.random(len(edges), dtype=np.float32) < c.edge_loss]] = False
-    noise = _noise(depth_m.shape, rng) * _sigma_px(depth_m, c)
-    step = np.float32(c.disparity_step_px)
-    measured = np.rint((disparity + noise) / step) * step
-    valid &= measured >= step
-    out = np.divide(fb, measured, out=np.zeros_like(depth_m), where=valid)
-    out[(out < np.float32(c.range_min_m)) | (out > np.float32(c.range_max_m))] = 0.0
-    rounded: Image = np.rint(out * np.float32(1000.0)) / np.float32(1000.0)
-    return rounded
+    bins = SENSOR_COLUMNS / intrinsics.width
+    count = depth_m.size
+    normal, uniform = _tables(count)
+    out: Image = spoil(
+        np.ascontiguousarray(depth_m, np.float32),
+        intrinsics.fx * c.baseline_m * bins,
+        bins,
+        c.edge_px,
+        c.edge_loss,
+        np.array(c.sigma_at_px, dtype=np.float64),
+        c.disparity_step_px,
+        (c.range_min_m, c.range_max_m),
+        _stretch(normal, count, rng),
+        _stretch(uniform, count, rng),
+    )
+    return out
 
 
-def _sigma_px(depth_m: Image, camera: D435i) -> Image:
-    """Standard deviation of the disparity at each pixel, straight between the camera's figures."""
-    (last_m, value), *rest = camera.sigma_at_px
-    sigma = np.full(depth_m.shape, value, dtype=np.float32)
-    for next_m, next_value in rest:
-        share = np.clip((depth_m - np.float32(last_m)) / np.float32(next_m - last_m), 0.0, 1.0)
-        sigma += share * np.float32(next_value - value)
-        last_m, value = next_m, next_value
-    return sigma
+@functools.lru_cache(maxsize=4)
+def _tables(count: int) -> tuple[Image, Image]:
+    """Normal and uniform numbers, drawn once; each frame takes a stretch, a tenth of the cost of drawing."""
+    rng = np.random.Generator(np.random.SFC64(848))
+    size = max(1 << 20, 4 * count)
+    return rng.standard_normal(size, dtype=np.float32), rng.random(size, dtype=np.float32)
 
 
-@functools.cache
-def _noise_table() -> Image:
-    """Standard normal numbers, drawn once; each frame takes a stretch, at a tenth of the cost of drawing."""
-    return np.random.Generator(np.random.SFC64(848)).standard_normal(1 << 20, dtype=np.float32)
-
-
-def _noise(shape: tuple[int, ...], rng: np.random.Generator) -> Image:
-    """Standard normal numbers in the given shape, from a random place of the table."""
-    table, count = _noise_table(), math.prod(shape)
-    if count > len(table) // 2:
-        return rng.standard_normal(shape, dtype=np.float32)
+def _stretch(table: Image, count: int, rng: np.random.Generator) -> Image:
+    """A stretch of a table from a random place on."""
     start = int(rng.integers(len(table) - count))
-    return table[start : start + count].reshape(shape)
-
-
-def _edges(disparity_px: Image, jump_px: float) -> NDArray[np.bool_]:
-    """Pixels up to two away from a jump in disparity, across and down: half a matching window."""
-    edge = np.zeros(disparity_px.shape, dtype=bool)
-    across = np.abs(np.diff(disparity_px, axis=1)) > jump_px
-    down = np.abs(np.diff(disparity_px, axis=0)) > jump_px
-    edge[:, 1:] |= across
-    edge[:, 2:] |= across[:, :-1]
-    edge[:, :-1] |= across
-    edge[:, :-2] |= across[:, 1:]
-    edge[1:] |= down
-    edge[2:] |= down[:-1]
-    edge[:-1] |= down
-    edge[:-2] |= down[1:]
-    return edge
+    return table[start : start + count]

@@ -38,6 +38,7 @@ THINK_TICKS = 3  # from request to plan: 60 ms, the planner's median cycle besid
 DEPTH_AGE_S = 0.04  # age of the newest image of a 30 Hz stream
 TRACK_EVERY = 10  # ticks
 ACCEPT_M = 0.25  # the mission file's default
+STUCK_S, STUCK_M = 30.0, 0.5  # who has not left a circle of this radius for so long will not arrive
 
 
 @dataclass
@@ -112,6 +113,7 @@ class LockstepFlight:
         self._frame: DepthFrame | None = None
         self._due: tuple[int, PlanResult] | None = None  # tick at which the plan is there
         self._result_s = 0.0
+        self._stay: tuple[float, np.ndarray] | None = None  # since when, and where
         self.referee = Referee()
         self.record = Record()
 
@@ -122,6 +124,8 @@ class LockstepFlight:
         while self._now_s < limit_s:
             for _ in range(STEPS_A_TICK):
                 self._step()
+            if self._stuck():
+                return "timeout", f"it has not left its place for {STUCK_S:.0f} s"
             if self.referee.contacts:
                 return "contact", f"touched something at {self.referee.contact_places_m[0]}"
             actions = self._tick()
@@ -135,6 +139,13 @@ class LockstepFlight:
     def time_s(self) -> float:
         """Duration of the flight so far [s]."""
         return self._now_s - self._start_s
+
+    def _stuck(self) -> bool:
+        """Whether the robot has stayed where it is for too long."""
+        place = self._plant.state.position_m
+        if self._stay is None or float(np.linalg.norm(place - self._stay[1])) > STUCK_M:
+            self._stay = self._now_s, place.copy()
+        return self._now_s - self._stay[0] > STUCK_S
 
     def _settle(self) -> None:
         """Stand until estimate and links are there, as before a take-off of any flight."""
