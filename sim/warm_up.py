@@ -7,6 +7,7 @@ import sys
 import numpy as np
 
 from labr_autonomy.config import RobotConfig
+from sim.bench.iplanner import follower
 from sim.bench.route import Router
 from sim.camera.noise import flawed_depth
 from sim.worlds.free_space import FreeSpace
@@ -27,6 +28,7 @@ def main() -> None:
     free = FreeSpace(floor, surface, RobotConfig())
     free.land_field(np.array([0.0, 0.0, 0.12]))
     Router(free).route(np.array([-0.5, 0.0, 0.12]), np.array([0.3, 0.0, 1.2]), goal_in_air=True)
+    follower.warm_up()
 
 
 if __name__ == "__main__":

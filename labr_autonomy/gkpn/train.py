@@ -18,6 +18,7 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.gkpn import dataset
@@ -83,8 +84,7 @@ def step_losses(net: nn.Module, views: Views, step: int, config: TrainConfig) ->
 def _holes(image: Tensor, draw: torch.Generator) -> Tensor:
     """Knock out random patches, besides the holes the data already has."""
     keep = torch.rand(len(image), 1, 9, 16, generator=draw) > 0.02
-    tall, wide = image.shape[2] // 9, image.shape[3] // 16
-    return image * keep.repeat_interleave(tall, dim=2).repeat_interleave(wide, dim=3)
+    return image * functional.interpolate(keep.float(), size=image.shape[2:], mode="nearest")
 
 
 def train(training: Views, validation: Views, run_dir: Path, config: TrainConfig) -> nn.Module:

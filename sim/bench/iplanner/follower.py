@@ -94,6 +94,12 @@ def roll_out(
     return as_trajectory(rows, start_s, height_m, source)
 
 
+def warm_up() -> None:
+    """Compile the follower's loop."""
+    limits = FollowerLimits.of(RobotConfig())
+    roll_out(np.zeros((1, 2)), np.zeros(5), limits, 0.0, 0.0, Source.BRAKE)
+
+
 def as_trajectory(rows: Array, start_s: float, height_m: float, source: Source) -> Trajectory:
     """States (k, 5) every `STRIDE` ticks as a trajectory."""
     step_s = TICK_S * STRIDE

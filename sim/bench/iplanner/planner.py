@@ -20,7 +20,7 @@ from labr_autonomy.gkpn.spline import path_points
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
 from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Source, Trajectory
 from sim.bench.iplanner import fear
-from sim.bench.iplanner.follower import FollowerLimits, roll_out
+from sim.bench.iplanner.follower import FollowerLimits, roll_out, warm_up
 from sim.bench.iplanner.weights import IPlannerOnnx
 
 BEARING_MAX_RAD = 1.7 * math.pi / 4.0  # of the training data's goals (sim.dataset)
@@ -41,6 +41,7 @@ class IPlannerPlanner:
         self._clock = SystemClock()
         self._network = network or IPlannerOnnx()
         self._limits = FollowerLimits.of(config)
+        warm_up()
         self._fear = fear.Fear()
         self._goal_m: Array | None = None
         self._seen = -1

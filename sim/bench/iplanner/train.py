@@ -24,13 +24,13 @@ def settings(
     """One run: few images a step, for the encoder is the costly part, and twelve goals of each."""
     return TrainConfig(
         steps=steps,
-        batch=8,
+        batch=4,
         goals=12,
         rate=rate,
         seed=seed,
         threads=threads,
         bfloat16=False,
-        save_every=100,
+        save_every=50,
         network=IPlannerConfig(unit_m=unit_m),
         loss=IPlannerLoss(inflate_m=inflate_m),
     )
