@@ -35,7 +35,7 @@ class IPlannerLoss:
     motion: float = 2.0  # sum over the path's segments
     goal: float = 5.0
     fear: float = 1.0
-    inflate_m: float = 0.35  # robot's radius 0.30 and what its follower strays
+    inflate_m: float = 0.40  # as for GKPN: the robot's radius 0.30 and what it strays
     cell_m: float = 0.05  # unit of the penetration
     smooth_m: float = 0.125  # 2.5 cells
     low_m: float = 0.04  # what ends below this height is floor

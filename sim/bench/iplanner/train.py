@@ -1,6 +1,10 @@
 """Training the benchmark's iPlanner (`python -m sim.bench.iplanner.train`), by GKPN's loop with its own loss.
 
 The data comes from `python -m sim.dataset FILE.npz --size 320 180 --land`.
+
+Depth, goal and key points are in metres, as published. In units of 10 m, which suit GKPN, the goal moves the
+first convolution of the decoder 50 times less than the image does (5 times in metres), and it learns later:
+after the same 2,000 images and 24,000 goals the loss was 11.9 instead of 10.5.
 """
 
 from __future__ import annotations
@@ -43,9 +47,9 @@ def main() -> None:
     parser.add_argument("--validation", type=Path, required=True, help="set of unseen scenes (.npz)")
     parser.add_argument("--run", type=Path, required=True, help="folder for checkpoints")
     parser.add_argument("--weights", type=Path, help="folder to export to when done")
-    parser.add_argument("--steps", type=int, default=4000)
+    parser.add_argument("--steps", type=int, default=5000)
     parser.add_argument("--rate", type=float, default=1e-3, help="peak of the learning rate")
-    parser.add_argument("--unit", type=float, default=10.0, help="unit of depth, goal and key points [m]")
+    parser.add_argument("--unit", type=float, default=1.0, help="unit of depth, goal and key points [m]")
     parser.add_argument("--inflate", type=float, default=IPlannerLoss().inflate_m, help="of obstacles [m]")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
