@@ -146,6 +146,7 @@ def test_the_same_frame_is_looked_at_once_and_without_one_the_last_path_is_follo
     on = planner.cycle(request([4.0, 0.0, 0.0], x=1.0, speed=0.5), None)
     assert math.isnan(on.frame_stamp_s)
     assert on.trajectory.position_m[-1, 0] == pytest.approx(3.8, abs=0.1)
+    assert (np.diff(on.trajectory.position_m[:, 0]) > -1e-9).all()  # it does not go back to the path's start
 
 
 def test_it_does_not_fly():

@@ -79,7 +79,7 @@ def roll_out(
     height_m: float,
     source: Source,
 ) -> Trajectory:
-    """Where the follower takes the robot.
+    """Where the follower takes the robot, from the point of the path that it has come to.
 
     Args:
         path_xy_m: (n, 2) odom; a single point means stop.
@@ -90,7 +90,8 @@ def roll_out(
         source: Who proposed the path.
     """
     path = np.ascontiguousarray(path_xy_m, dtype=np.float64)
-    rows = _roll(path, np.asarray(state, dtype=np.float64), limits.vector())
+    passed = int(np.argmin(np.hypot(path[:, 0] - state[0], path[:, 1] - state[1])))
+    rows = _roll(path[passed:], np.asarray(state, dtype=np.float64), limits.vector(), len(path) <= 1)
     return as_trajectory(rows, start_s, height_m, source)
 
 
@@ -132,11 +133,11 @@ def _wrapped(angle: float) -> float:
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _roll(path: np.ndarray, state: np.ndarray, p: np.ndarray) -> np.ndarray:
+def _roll(path: np.ndarray, state: np.ndarray, p: np.ndarray, stay: bool) -> np.ndarray:
     """States (k, 5), the last one at rest; the follower's loop and the robot's motion between its ticks."""
     ahead, top, accel, turn_top, turn_accel, gain, stop_gain, aligned, stop, slow, momentum = p
     x, y, yaw, v, w = state
-    count, last = len(path), len(path) - 1
+    last = len(path) - 1
     ticks = int(LONGEST_S / TICK_S)
     longest = ticks + int((top + 1.0) / (accel * TICK_S)) + int((turn_top + 1.0) / (turn_accel * TICK_S))
     rows = np.empty((longest // STRIDE + 2, 5))
@@ -164,7 +165,7 @@ def _roll(path: np.ndarray, state: np.ndarray, p: np.ndarray) -> np.ndarray:
             before = 0.0
         turn = -(stop_gain if abs(v) < 2.0 * accel * TICK_S else gain) * off
         turn = min(max(turn, -turn_top), turn_top)
-        over = count <= 1 or tick >= ticks
+        over = stay or tick >= ticks
         if over or away < stop:
             turn = 0.0
         cruise = top * min(1.0, end / slow)
