@@ -16,7 +16,7 @@ from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import LabrError, LinkError
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Ready
-from labr_autonomy.processes import die_with_parent
+from labr_autonomy.processes import die_with_parent, lean_children
 
 POLL_S = 0.5
 LOAD_TIMEOUT_S = 180.0  # the first start compiles the map's kernels
@@ -30,8 +30,6 @@ def _serve(connection: Connection, config: RobotConfig, depth_name: str, log_pat
         os.dup2(log_file.fileno(), sys.stderr.fileno())
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the executive's business
     os.nice(NICE)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
     clock = SystemClock()
     began_s = clock.now_s()
     try:
@@ -97,7 +95,8 @@ class PlannerLink:
             name="labr-planner",
             daemon=True,
         )
-        self._process.start()
+        with lean_children():
+            self._process.start()
         theirs.close()
         self._connection = ours
         self.busy = True

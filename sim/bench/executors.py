@@ -12,27 +12,16 @@ import multiprocessing
 import os
 import signal
 import traceback
-from collections.abc import Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Protocol
 
 from labr_autonomy.errors import LabrError
-from labr_autonomy.processes import die_with_parent
+from labr_autonomy.processes import die_with_parent, lean_children
 from sim.bench.jobs import Answer, Job, Work
 
 WALL_MAX_S = 3600.0  # of one flight; a worker that hangs longer ends itself and leaves its stack in the log
-ONE_THREAD = {
-    name: "1"
-    for name in (
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "NUMBA_NUM_THREADS",
-        "OPENCV_FOR_THREADS_NUM",
-    )
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +139,7 @@ class _Lane:
         self.pipe, theirs = spawn.Pipe()
         arguments = (theirs, work, os.getpid(), str(log_path))
         self._process = spawn.Process(target=_serve, args=arguments, daemon=True)
-        with _one_thread():
+        with lean_children():
             self._process.start()
         theirs.close()  # so that the pipe ends with the worker
 
@@ -166,21 +155,6 @@ class _Lane:
         self._process.kill()
         self._process.join()
         self.pipe.close()
-
-
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """What is started within computes with one thread: the processes are the parallelism."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(ONE_THREAD)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 def _serve(pipe: Connection, work: Work, parent_pid: int, log_path: str) -> None:

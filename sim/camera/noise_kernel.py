@@ -29,12 +29,13 @@ def _near_jumps(disparity_px: Any, jump_px: float) -> Any:
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _sigma_px(z_m: float, sigma_at_px: Any) -> float:
     """Standard deviation of the disparity at a distance, straight between the camera's figures."""
-    sigma = sigma_at_px[0, 1]
+    if z_m <= sigma_at_px[0, 0]:
+        return float(sigma_at_px[0, 1])
     for k in range(1, len(sigma_at_px)):
-        near, far = sigma_at_px[k - 1, 0], sigma_at_px[k, 0]
-        share = min(max((z_m - near) / (far - near), 0.0), 1.0)
-        sigma += share * (sigma_at_px[k, 1] - sigma_at_px[k - 1, 1])
-    return float(sigma)
+        near, far = sigma_at_px[k - 1], sigma_at_px[k]
+        if z_m < far[0]:
+            return float(near[1] + (z_m - near[0]) / (far[0] - near[0]) * (far[1] - near[1]))
+    return float(sigma_at_px[-1, 1])
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -83,10 +84,10 @@ def spoil(
             if z <= 0.0 or right < 0.0 or hidden or lost:
                 continue
             sigma = _sigma_px(z, sigma_at_px)
-            measured = round((d + sigma * normal[v * w + u]) / step_px) * step_px
+            measured = np.rint((d + sigma * normal[v * w + u]) / step_px) * step_px
             if measured < step_px:
                 continue
             seen = focal_baseline_px_m / measured
             if range_m[0] <= seen <= range_m[1]:
-                out[v, u] = np.float32(round(seen * 1000.0) / 1000.0)  # Z16: whole millimetres
+                out[v, u] = np.float32(np.rint(seen * 1000.0) / 1000.0)  # Z16: whole millimetres
     return out
