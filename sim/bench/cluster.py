@@ -6,7 +6,8 @@ from importlib.util import find_spec
 from typing import Any
 
 from labr_autonomy.errors import BadInput, LinkError
-from sim.bench.executors import ONE_THREAD, Finished, attempt, failure
+from labr_autonomy.processes import LEAN
+from sim.bench.executors import Finished, attempt, failure
 from sim.bench.jobs import Job, Work
 
 LOCAL = "local"
@@ -35,7 +36,7 @@ class RayExecutor:
         import ray
 
         self._ray = ray
-        common: dict[str, Any] = {"runtime_env": {"env_vars": ONE_THREAD}, "logging_level": "warning"}
+        common: dict[str, Any] = {"runtime_env": {"env_vars": LEAN}, "logging_level": "warning"}
         try:
             if address == LOCAL:
                 ray.init(num_cpus=jobs, include_dashboard=False, log_to_driver=False, **common)

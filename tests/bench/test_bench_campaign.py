@@ -12,7 +12,7 @@ import pytest
 
 from labr_autonomy.clock import SystemClock, pause_s
 from labr_autonomy.errors import BadInput
-from sim.bench import executors
+from labr_autonomy.processes import LEAN
 from sim.bench.campaign import Stopped
 from sim.bench.executors import ProcessExecutor
 from sim.bench.jobs import Job
@@ -223,9 +223,7 @@ def test_a_worker_that_dies_takes_only_its_own_flight_with_it(tmp_path):
 
 
 def threads_of_worker(job):
-    result = fakes.make_result(
-        sources={name: int(os.environ.get(name, "0")) for name in executors.ONE_THREAD}
-    )
+    result = fakes.make_result(sources={name: int(os.environ.get(name, "0")) for name in LEAN})
     os.write(1, b"a library talks\n")
     return fakes.Answer(fakes.make_task(job.seed), result)
 
@@ -236,7 +234,7 @@ def test_workers_compute_with_one_thread_and_keep_stdout_clean(tmp_path, capfd, 
     executor.submit(Job("indoor", {}, 0, "oracle"))
     answer = executor.next_finished().answer
     executor.close()
-    assert set(answer.result.sources.values()) == {1}
+    assert answer.result.sources == {name: int(value) for name, value in LEAN.items()}
     assert os.environ["OMP_NUM_THREADS"] == "7"
     assert capfd.readouterr().out == ""
     assert "a library talks" in (tmp_path / "workers.log").read_text()
