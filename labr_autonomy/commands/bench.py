@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from labr_autonomy.commands.checks import camera, crosscheck
 from labr_autonomy.errors import BadInput
 
 if TYPE_CHECKING:
@@ -152,6 +153,10 @@ def table3(trials: int, method: str, **common: Any) -> None:
 
         draw_ways(findings)
     _end(findings, results, as_json=common["as_json"])
+
+
+bench.add_command(crosscheck)
+bench.add_command(camera)
 
 
 def find_places(

@@ -26,6 +26,7 @@ SLACK_S = 120.0  # for loading, on top of the trial's own limit
 class Pair:
     """One trial both ways; truth of the simulator up to the moment the goal counted as reached."""
 
+    family: str
     seed: int
     in_air: bool
     outcome: tuple[str, str]  # lock-step, full simulator
@@ -107,6 +108,7 @@ def cross_check(tasks: Iterable[Task], robot: RobotConfig, folder: Path) -> Iter
         fast = fly_trial(Trial(task, "two-stage"), robot)
         outcome, way_m, time_s, spent_j = fly_full(task, folder)
         yield Pair(
+            str(task.world.get("family", task.world.get("name"))),
             task.seed,
             task.in_air,
             (fast.outcome, outcome),

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from labr_autonomy.perception.fields import Field2, Field3
-from labr_autonomy.refine.search import cell_cost, free_edges
+from labr_autonomy.refine.search import cell_cost
+from labr_autonomy.refine.shortest import costs_from
 from sim.bench.mapping import astar, bspline, optimise
 from sim.bench.mapping.optimise import WEIGHTS, Aims, cost, optimised, raised
 
@@ -111,9 +110,7 @@ def test_a_star_finds_what_dijkstra_finds(seed):
     price = cell_cost(field.distance_m, field.known, 0.3, 1.0)
     cells = np.argwhere(free)
     start, goal = cells[0], cells[-1]
-    tails, heads, weight = free_edges(free, price)
-    graph = csr_matrix((weight, (tails, heads)), shape=(free.size,) * 2)
-    wanted = dijkstra(graph, directed=False, indices=int(np.ravel_multi_index(tuple(start), free.shape)))
+    wanted, _ = costs_from(free, price.astype(float), int(np.ravel_multi_index(tuple(start), free.shape)))
     best = wanted[int(np.ravel_multi_index(tuple(goal), free.shape))]
     way, reached, found = astar.search(
         free[:, :, None], price[:, :, None], np.append(start, 0), np.append(goal, 0), 1.0, free.size
