@@ -104,6 +104,13 @@ def test_without_plans_the_time_runs_out():
     assert result.time_s == pytest.approx(6.0, abs=0.05)
 
 
+def test_a_robot_that_goes_nowhere_is_not_waited_for():
+    result = fly_with(task((2.5, 1.0, BELOW_M), bound_s=60.0), Still(), CONFIG, sees=False)
+    assert result.outcome == "timeout"
+    assert result.time_s == pytest.approx(lockstep_flight.STUCK_S, abs=0.1)
+    assert "has not left its place" in result.reason
+
+
 def test_the_joules_are_those_of_the_battery_while_standing():
     result = fly_with(task((2.5, 1.0, BELOW_M), bound_s=-8.0), Still(), CONFIG, sees=False)
     assert result.energy_j == pytest.approx(CONFIG.energy.idle_w * result.time_s, rel=0.02)

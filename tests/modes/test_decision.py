@@ -93,3 +93,16 @@ def test_closed_form_threshold_balances_both_ways():
 def test_driving_costs_about_a_tenth_of_flying_for_the_same_time():
     assert 5.0 < ENERGY.air_w / ENERGY.land_w < 15.0
     assert decision.SAVING_MIN_J > 0
+
+
+def test_a_planned_hop_leaves_the_floor_for_a_goal_on_it_and_comes_down_where_it_ends():
+    on_land = facts(goal_in_air=False, lift_off_m=0.1)
+    assert wish(on_land, ENERGY) is Mode.LAND
+    hop = facts(goal_in_air=False, lift_off_m=0.1, hop=True)
+    assert wish(hop, ENERGY) is Mode.AIR
+    assert wish(facts(goal_in_air=False, lift_off_m=4.0, hop=True), ENERGY) is Mode.LAND
+    assert wish(facts(goal_in_air=False, lift_off_m=0.1, hop=True, take_off_clear=False), ENERGY) is Mode.LAND
+    flying = facts(mode=Mode.AIR, goal_in_air=True, hop=True)
+    assert wish(flying, ENERGY) is Mode.LAND
+    assert wish(facts(mode=Mode.AIR, goal_in_air=True, hop=True, landing_clear=False), ENERGY) is Mode.AIR
+    assert wish(facts(mode=Mode.AIR, goal_in_air=True), ENERGY) is Mode.AIR
