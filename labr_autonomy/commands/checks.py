@@ -31,7 +31,7 @@ def crosscheck(family: str, trials: int, seed: int, out: Path | None, as_json: b
 
     Each trial is flown by `two-stage` twice: on the simulated clock, and in real time in the full simulator
     over MAVLink, serial and shared memory, which wants an otherwise idle machine. Path, time and joules of
-    the trials reached both ways must agree within 10 %; otherwise the command ends with 4.
+    the trials reached both ways must agree within 10 % in the median; otherwise the command ends with 4.
     """
     from labr_autonomy.commands.bench import find_places
     from labr_autonomy.config import RobotConfig
@@ -66,7 +66,9 @@ def crosscheck(family: str, trials: int, seed: int, out: Path | None, as_json: b
             found = answer[name]
             click.echo(
                 f"  {name:9s} lock-step {found['lockstep']:8.1f}   full {found['full']:8.1f}   "
-                f"difference {100.0 * found['difference']:.1f} %"
+                f"difference of means {100.0 * found['difference_of_means']:.1f} %, "
+                f"median {100.0 * found['median_difference']:.1f} %, "
+                f"worst {100.0 * found['worst_difference']:.1f} %"
             )
     if not answer["agrees"]:
         click.get_current_context().exit(int(ExitCode.EXPECTATION_MISSED))

@@ -24,12 +24,20 @@ def pair(fast, full, outcome=("reached", "reached")):
     return Pair("indoor", 0, False, outcome, *zip(fast, full, strict=True))
 
 
-def test_means_within_a_tenth_agree_and_others_do_not():
+def test_trials_within_a_tenth_agree_and_others_do_not():
     near = agreement([pair((10.0, 20.0, 1000.0), (10.5, 21.0, 1050.0))])
     assert near["agrees"]
-    assert near["path_m"]["difference"] == pytest.approx(0.5 / 10.5)
+    assert near["path_m"]["median_difference"] == pytest.approx(0.5 / 10.5)
     far = agreement([pair((10.0, 20.0, 1000.0), (10.5, 21.0, 1150.0))])
     assert not far["agrees"]
+
+
+def test_one_other_way_does_not_hide_that_the_rest_agree():
+    same = [pair((10.0, 20.0, 1000.0), (10.1, 20.0, 1000.0))] * 3
+    found = agreement([*same, pair((30.0, 40.0, 4000.0), (60.0, 90.0, 8000.0))])
+    assert found["agrees"]
+    assert found["path_m"]["worst_difference"] == pytest.approx(0.5)
+    assert found["path_m"]["difference_of_means"] > 0.3
 
 
 def test_only_trials_reached_both_ways_are_compared_and_none_is_no_agreement():
@@ -40,7 +48,7 @@ def test_only_trials_reached_both_ways_are_compared_and_none_is_no_agreement():
     assert found["agrees"]
     nothing = agreement([lost])
     assert not nothing["agrees"]
-    assert math.isnan(nothing["path_m"]["difference"])
+    assert math.isnan(nothing["path_m"]["median_difference"])
 
 
 def test_the_mission_asks_the_same_of_the_same_world():

@@ -187,7 +187,8 @@ def test_the_world_files_that_come_along_fit_their_meshes(path):
     if not (SHIPPED / read_world_file(path, WORLDS)["mesh"]).is_file() and not WORLDS.is_dir():
         pytest.skip("the third-party meshes are not beside the checkout")
     world = build_world({"file": path.name}, seed=0, worlds_dir=WORLDS)
-    assert "start" in world.spec
+    # the example shows how a start is named; in the worlds of others the benchmark samples its own
+    assert ("start" in world.spec) is (path.stem == "workshop")
     assert (world.region_m[1] - world.region_m[0] > [10, 8, 2]).all()
 
 
