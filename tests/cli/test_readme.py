@@ -1,21 +1,38 @@
 """What the README shows is true: its mission loads, its commands exist, its picture and paths are there."""
 
 import re
+import shlex
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 
 from labr_autonomy.cli import main
-from labr_autonomy.mission.load import parse_mission
+from labr_autonomy.mission.load import parse_mission, validated
+from labr_autonomy.mission.source import parse
+from sim.worlds.world_file import WorldFile
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_the_mission_of_the_readme_loads():
-    (text,) = re.findall(r"```yaml\n(.*?)```", README, flags=re.DOTALL)
-    assert len(parse_mission(text.encode()).items) == 5
+def test_the_mission_and_the_world_file_of_the_readme_load():
+    mission, world = re.findall(r"```yaml\n(.*?)```", README, flags=re.DOTALL)
+    assert len(parse_mission(mission.encode()).items) == 5
+    assert validated(parse(world.encode(), "world"), WorldFile).up == "y"
+
+
+@pytest.mark.parametrize("line", re.findall(r"^(labr-mission [\w-]+ .*)$", README, flags=re.MULTILINE))
+def test_every_command_line_of_the_readme_parses(line):
+    command, words = main, shlex.split(line)[1:]
+    while isinstance(command, click.Group):
+        command = command.get_command(None, words.pop(0))
+        assert command is not None
+    if words == ["--help"]:  # `dataset` and `train` pass it on to the module behind them
+        return
+    known = {option for parameter in command.params for option in parameter.opts}
+    assert {word for word in words if word.startswith("--")} <= known
 
 
 @pytest.mark.parametrize("command", sorted(set(re.findall(r"`labr-mission (\w+)", README))))
