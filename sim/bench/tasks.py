@@ -32,6 +32,7 @@ FACE_M = 0.6  # nothing nearer in front of the camera at the start
 AIR_SHARE = 0.5
 HIDDEN_SHARE = 0.6
 DRIVEN_SHARE = 0.9
+STOREY_M = 0.6  # a floor this much higher or lower than any that can be driven to is another storey
 BAND_M = 0.4  # half width of the ring in which a goal of a drawn distance is looked for
 STARTS, DRAWS = 60, 20
 INSIST = 20  # starts that are tried for a goal in sight, or out of it, as drawn
@@ -247,6 +248,7 @@ def _on_land(known: Known, start: Start, driven: bool) -> Array:
         return np.zeros((0, 3))
     near = land.island == land.island[here]
     hop = land.ground & ~near & (land.reach == land.reach[here])
+    hop &= _flown_over(land.floor_z_m, land.floor_z_m[near])
     out: Array = known.places_m[near if driven or not hop.any() else hop]
     return out
 
@@ -256,9 +258,19 @@ def _in_air(known: Known, start: Start) -> Array:
     here = _place(known, start)
     if here is None:
         return np.zeros((0, 3))
-    high = (known.cells_height_m >= HEIGHT_M[0]) & (known.cells_height_m <= HEIGHT_M[1])
-    out: Array = known.cells_m[high & (known.cells_reach == known.free.land.reach[here])]
+    land, height = known.free.land, known.cells_height_m
+    fit = (height >= HEIGHT_M[0]) & (height <= HEIGHT_M[1]) & (known.cells_reach == land.reach[here])
+    driven = land.floor_z_m[land.island == land.island[here]]
+    fit &= _flown_over(known.cells_m[:, 2] - height, driven)
+    out: Array = known.cells_m[fit]
     return out
+
+
+def _flown_over(floor_z_m: Array, driven_z_m: Array) -> NDArray[np.bool_]:
+    """Floors (n,) as high as those that can be driven to: a flight is bounded from where it began."""
+    low, high = float(driven_z_m.min()) - STOREY_M, float(driven_z_m.max()) + STOREY_M
+    within: NDArray[np.bool_] = (floor_z_m >= low) & (floor_z_m <= high)
+    return within
 
 
 def _place(known: Known, start: Start) -> int | None:
