@@ -50,6 +50,17 @@ def _surface(occupied: Bits) -> Bits:
     return occupied & ~buried
 
 
+def _cells_away(filled: NDArray[np.uint8]) -> Distances:
+    """Distance in cells from every filled cell's centre to that of the nearest empty one, correctly rounded.
+
+    OpenCV's last bit depends on where in memory the rows lie; the squares are whole numbers, so that rounding
+    them gives the same answer in every run.
+    """
+    away = cv2.distanceTransform(filled, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    out: Distances = np.sqrt(np.rint(away * away))
+    return out
+
+
 def _far_m(shape: tuple[int, ...], cell_m: float) -> float:
     """Distance reported where the grid holds no obstacle at all: its diagonal."""
     return float(np.linalg.norm(shape)) * cell_m
@@ -116,12 +127,12 @@ class Field2(_Field):
         if not occupied.any():
             return cls(np.full(occupied.shape, far, np.float32), known, np.asarray(origin_m, float), cell_m)
         solid = np.ascontiguousarray(occupied, np.uint8)
-        outside = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * cell_m
+        outside = _cells_away(1 - solid) * cell_m
         signed = outside - 0.5 * cell_m
         if occupied.all():
             signed = np.full(occupied.shape, -far, np.float32)
         else:
-            inside = cv2.distanceTransform(solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * cell_m
+            inside = _cells_away(solid) * cell_m
             signed = np.where(occupied, 0.5 * cell_m - inside, signed)
         return cls(signed.astype(np.float32, copy=False), known, np.asarray(origin_m, float), cell_m)
 

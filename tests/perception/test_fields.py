@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from labr_autonomy.perception import fields
 from labr_autonomy.perception.fields import Field2, Field3
 
 CELL = 0.1
@@ -87,3 +88,16 @@ def test_surface_points_do_not_wrap_round_the_border():
     occupied[0] = True
     field = Field2.from_occupied(occupied, ~occupied, np.zeros(2), CELL)
     assert len(field.surface_points()) == 6
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_distances_are_correctly_rounded_so_that_every_run_gets_the_same(seed):
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((70, 61)) < 0.02
+    far = np.argwhere(occupied)
+    cells = np.stack(np.meshgrid(np.arange(70), np.arange(61), indexing="ij"), axis=-1)
+    squared = ((cells[:, :, None] - far) ** 2).sum(axis=-1).min(axis=-1)
+    exact = np.sqrt(squared.astype(np.float32))
+    found = fields._cells_away(1 - occupied.astype(np.uint8))
+    assert found.dtype == np.float32
+    assert np.array_equal(found, exact)
