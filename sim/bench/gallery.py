@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from labr_autonomy.record.pictures import FAINT, INK, LAND
 from sim.bench.methods import METHODS, ORACLE
 from sim.bench.paper import GOAL_REACHED_PCT
-from sim.bench.pictures import STYLE, draw_depth, draw_top, key, last_depth, png, world_of
+from sim.bench.pictures import STYLE, draw_depth, draw_top, key, last_depth, png
 from sim.bench.rows import Flight, flights, worst
 from sim.bench.run import Findings
+from sim.worlds.build import rebuild_world
 from sim.worlds.world import World
 
 SHOWN = 4  # trials side by side
@@ -124,7 +125,7 @@ def failures(flown: Mapping[str, Sequence[Flight]], place: str) -> bytes | None:
 def _panel(axes: Axes, flight: Flight, worlds: dict[int, World], title: str, *, near: bool = False) -> None:
     seed = flight.task.seed
     if seed not in worlds:
-        worlds[seed] = world_of(flight.task)
+        worlds[seed] = rebuild_world(flight.task.world)
     draw_top(axes, worlds[seed], flight.task, flight.result, near=near)
     axes.set_title(f"{title}\n{flight.result.outcome}, {flight.result.energy_j / 1e3:.1f} kJ")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.types import Array
 from sim.bench.route import Router
-from sim.worlds.build import rebuild_world
 from sim.worlds.free_space import FreeSpace
+from sim.worlds.made import made_world
 from sim.worlds.surface import Surface
 from sim.worlds.world import World
-
-_ASKED = ("start", "goals", "bounds")  # of a mesh world: what is asked of the robot, not what is built
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +41,7 @@ def know(spec: Mapping[str, Any], robot: RobotConfig) -> Known:
 
 @lru_cache(maxsize=2)  # a trial's task and its oracle ask for the same one
 def _know(spec_json: str, robot: RobotConfig) -> Known:
-    spec = json.loads(spec_json)
-    asked = {key: spec[key] for key in _ASKED if key in spec}
-    world = rebuild_world({key: value for key, value in spec.items() if key not in asked})
-    world = replace(world, spec={**world.spec, **asked})
-    if "bounds" in asked:
-        world = replace(world, region_m=np.array(asked["bounds"], dtype=np.float64))
-    surface = Surface(world, robot.body)
+    world, surface = made_world(json.loads(spec_json), robot.body)
     free = FreeSpace(world, surface, robot)
     land, air = free.land, free.air
     places = np.column_stack([land.xy_m, land.floor_z_m + robot.body.below_m])

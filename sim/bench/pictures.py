@@ -18,13 +18,13 @@ from labr_autonomy.config import RobotConfig
 from labr_autonomy.record.pictures import AIR, BAD, FAINT, INK, LAND, START
 from labr_autonomy.types import Array, Image
 from sim.lockstep.trial import Task, TrialResult
+from sim.worlds.build import rebuild_world
 from sim.worlds.world import World
 
 WALL = "#6f7885"
 CUTS_M = (0.06, 0.16, 0.26, 0.36)  # above the floor: what a driving robot can meet
 FLAT = 0.75  # faces whose normal is steeper than this are floor, ramp or ground, no obstacle
 MARGIN_M = 1.5
-ASKED = ("start", "goals", "bounds")  # of a world file: what is asked, not what is built
 DEPTH_SHOWN_M = 8.0
 
 STYLE: dict[str, Any] = {
@@ -40,13 +40,6 @@ STYLE: dict[str, Any] = {
     "ytick.color": INK,
     "grid.color": "#e6e9ed",
 }
-
-
-def world_of(task: Task) -> World:
-    """The world of a task, without what a world file asks of the robot in it."""
-    from sim.worlds.build import rebuild_world
-
-    return rebuild_world({key: value for key, value in task.world.items() if key not in ASKED})
 
 
 def outlines(world: World, floors_m: Array) -> NDArray[np.float64]:
@@ -197,7 +190,7 @@ def draw_depth(axes: Axes, depth_m: Image) -> None:
 
 def trial_picture(task: Task, result: TrialResult, title: str) -> bytes:
     """One trial from above and from the side; PNG."""
-    world = world_of(task)
+    world = rebuild_world(task.world)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8.0, 9.4), layout="constrained")
         top, side = figure.subplots(2, 1, height_ratios=(4.0, 1.0))

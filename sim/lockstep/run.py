@@ -19,9 +19,7 @@ from sim.lockstep.planner import Planner
 from sim.lockstep.trial import REACHED_M, Outcome, Task, Trial, TrialResult
 from sim.plant import Plant
 from sim.vio import VioModel, VioStandIn
-from sim.worlds.build import rebuild_world
-from sim.worlds.surface import Surface
-from sim.worlds.world import World
+from sim.worlds.made import made_world
 
 # What the filter makes of it is the truth to a millimetre; sigmas of nothing would be no measurement.
 TRUE_POSE = VioModel(
@@ -35,15 +33,14 @@ TRUE_POSE = VioModel(
 
 
 class Stage:
-    """A world made ready to fly in; kept from trial to trial, because making it takes a second."""
+    """A world made ready to fly and look in; kept from trial to trial, because its renderer takes a while."""
 
     _last: Stage | None = None
 
     def __init__(self, key: str, spec: Mapping[str, Any], robot: RobotConfig) -> None:
         self._key = key
         self._robot = robot
-        self.world: World = rebuild_world(spec)
-        self.surface = Surface(self.world, robot.body)
+        self.world, self.surface = made_world(spec, robot.body)
         self._renderer: Renderer | None = None
 
     @classmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 REACHED_M = 0.5  # paper, section V-B: "within 0.5m of the goal"
@@ -37,7 +37,6 @@ class Trial:
 
     task: Task
     method: str
-    options: dict[str, Any] = field(default_factory=dict)  # of the method and the disturbances
 
 
 @dataclass(frozen=True, slots=True)
