@@ -138,6 +138,16 @@ def _save(
     fresh.replace(path)
 
 
+def run_facts(run_dir: Path, config: TrainConfig, training: Views, validation: Views) -> dict[str, Any]:
+    """What a manifest says of a run: its settings, every stretch of it, and its data."""
+    return {
+        "config": asdict(config),
+        "history": torch.load(run_dir / CHECKPOINT, weights_only=True)["history"],
+        "data": training.facts(),
+        "validation": validation.facts(),
+    }
+
+
 def main() -> None:
     """Train from files and write the weights."""
     standard = TrainConfig()
@@ -159,14 +169,7 @@ def main() -> None:
     if a.weights:
         from labr_autonomy.gkpn.export import export
 
-        history = torch.load(a.run / CHECKPOINT, weights_only=True)["history"]
-        facts = {
-            "config": asdict(config),
-            "history": history,
-            "data": training.facts(),
-            "validation": validation.facts(),
-        }
-        export(net, a.weights, validation, loss, facts)
+        export(net, a.weights, validation, loss, run_facts(a.run, config, training, validation))
 
 
 if __name__ == "__main__":

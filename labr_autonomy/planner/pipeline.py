@@ -15,6 +15,7 @@ from labr_autonomy.perception.fields import Field2, Field3
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
+from labr_autonomy.planner.places import AT_END_M, UNDER_GOAL_M, column_clear
 from labr_autonomy.refine import shortest
 from labr_autonomy.refine.planner import Refiner
 from labr_autonomy.refine.reference import to_key_points
@@ -28,8 +29,6 @@ GOAL_JOIN_M = 0.6  # a path that ends this near the goal ends at it
 ROUTE_EVERY_S = 0.4  # the map's shortest ways are searched this often
 ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow
 PUSH_M = 0.08  # by so much the refiner pushes a path out of obstacles
-UNDER_GOAL_M = 2.5  # how far from below an air goal the drive may end
-AT_END_M = 0.35
 FIELD_HALF_M = (3.5, 3.5)
 MAP_EVERY_S = 1.0
 
@@ -280,13 +279,7 @@ class Pipeline:
 
     # ------------------------------------------------------------------ places to take off and land
     def _column_clear(self, request: PlanRequest, up_to_m: float) -> bool:
-        body, clearance = self._config.body, self._config.clearance
-        return self._map.column_clear(
-            request.body_pose.position_m[:2],
-            body.radius_m + clearance.landing_m,
-            request.floor_z_m + 0.1,
-            up_to_m + body.above_m + clearance.landing_m,
-        ).clear
+        return column_clear(self._map, self._config, request, up_to_m)
 
     def _map_now_and_then(self, field: Field2, now_s: float) -> np.ndarray | None:
         if now_s - self._drawn_s < MAP_EVERY_S:

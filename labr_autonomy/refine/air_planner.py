@@ -38,7 +38,23 @@ from labr_autonomy.refine.values import STEP_S, STEPS, AirState, DistanceField, 
 from labr_autonomy.types import Array, Mode, Source, Trajectory
 
 SLOW_MPS = 0.3
+TURN_AHEAD_M = 2.0 * LOOK_AHEAD_M  # where along the path the heading to turn to is taken
 SEED_GIVE_M = 0.1  # a previous plan this much too close is still worth linearising at
+
+
+def turn_first(state: AirState, offset_m: Array) -> float | None:
+    """Heading to turn to before flying on towards a point ahead, or None.
+
+    Args:
+        state: Heading and speed now.
+        offset_m: (2|3,) from the robot to the point, `TURN_AHEAD_M` along its path, odom.
+    """
+    if math.hypot(offset_m[0], offset_m[1]) < CLOSE_M:
+        return None
+    heading = math.atan2(offset_m[1], offset_m[0])
+    error = abs(wrap_pi(heading - state.yaw))
+    slow = float(np.linalg.norm(state.velocity)) < SLOW_MPS
+    return heading if error > (TURN_RAD if slow else TURN_MOVING_RAD) else None
 
 
 class AirPlanner:
@@ -103,7 +119,7 @@ class AirPlanner:
             return self._fallback(
                 task, state, env, call, f"the key points are blocked after {path.length_m:.1f} m"
             )
-        turn = self._turn_needed(state, path)
+        turn = turn_first(state, path.at(TURN_AHEAD_M) - path.points_m[0])
         if turn is not None:
             out = self._turn(state, turn, env, call)
             verdict = dense_check(out.position_m, field, self.hard_m)
@@ -164,16 +180,6 @@ class AirPlanner:
         vertical = np.where(up > 0.0, TIGHT * env.climb_mps, TIGHT * env.descend_mps)
         most = np.minimum(flat_mps / np.maximum(across, 1e-6), vertical / np.maximum(np.abs(up), 1e-6))
         return float(most[near].min())
-
-    @staticmethod
-    def _turn_needed(state: AirState, path: reference.Path) -> float | None:
-        offset = path.at(2.0 * LOOK_AHEAD_M) - path.points_m[0]
-        if math.hypot(offset[0], offset[1]) < CLOSE_M:
-            return None
-        heading = math.atan2(offset[1], offset[0])
-        error = abs(wrap_pi(heading - state.yaw))
-        slow = float(np.linalg.norm(state.velocity)) < SLOW_MPS
-        return heading if error > (TURN_RAD if slow else TURN_MOVING_RAD) else None
 
     @staticmethod
     def _yaw_rate(call: Call) -> float:

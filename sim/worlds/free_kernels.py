@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.worlds.surface_kernels import _clip, _closest_on_triangle, _flat_distance
+from sim.worlds.surface_kernels import _clip, _closest_on_triangle, _flat_distance, copied
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -278,9 +278,7 @@ def band_cells(
                             continue
                         if boxes[t, 1] > y + 0.5 * cell or boxes[t, 4] < y - 0.5 * cell:
                             continue
-                        for r in range(3):
-                            for s in range(3):
-                                triangle[r, s] = triangles[t, r, s]
+                        copied(triangles[t], triangle)
                         count = _clip(triangle, 3, low, 1.0, one)
                         inside = _clip(one, count, high, -1.0, two)
                         if inside > 0 and _flat_distance(two, inside, x, y) <= near:

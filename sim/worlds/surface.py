@@ -96,13 +96,7 @@ class Surface:
         low = z - self._body.below_m * steep + (FLOOR_BAND_M if on_floor else 0.0)
         return float(
             cylinder_clearance(
-                self._triangles,
-                self._boxes,
-                self._starts,
-                self._members,
-                self._shape,
-                self._corner,
-                self._cell,
+                *self.index,
                 np.array(position_m[:2], dtype=np.float64),
                 self._body.radius_m if radius_m is None else radius_m,
                 low,

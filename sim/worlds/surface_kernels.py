@@ -158,11 +158,18 @@ def _heights(bounds: Any, axis: Any, east: float, north: float) -> Any:
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _sheared(corners: Any, axis: Any, east: float, north: float, out: Any) -> None:
-    """A triangle with its heights taken above that plane; vertical walls stay vertical and in place."""
+def copied(corners: Any, out: Any) -> None:
+    """A triangle in double precision: slices would be allocated by the thousand."""
     for i in range(3):
         for k in range(3):
             out[i, k] = corners[i, k]
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _sheared(corners: Any, axis: Any, east: float, north: float, out: Any) -> None:
+    """A triangle with its heights taken above that plane; vertical walls stay vertical and in place."""
+    copied(corners, out)
+    for i in range(3):
         if east != 0.0 or north != 0.0:
             out[i, 2] -= east * (out[i, 0] - axis[0]) + north * (out[i, 1] - axis[1])
 
@@ -326,9 +333,7 @@ def headrooms(
                     dy = max(boxes[t, 1] - y, y - boxes[t, 4], 0.0)
                     if dx * dx + dy * dy >= radius * radius:
                         continue
-                    for a in range(3):
-                        for b in range(3):
-                            triangle[a, b] = triangles[t, a, b]
+                    copied(triangles[t], triangle)
                     count = _clip(triangle, 3, low, 1.0, one)
                     if count > 0 and _flat_distance(one, count, x, y) < radius:
                         best = min(best, one[:count, 2].min())

@@ -11,15 +11,12 @@ from __future__ import annotations
 
 import argparse
 import logging
-from dataclasses import asdict
 from pathlib import Path
-
-import torch
 
 from labr_autonomy.gkpn import dataset
 from labr_autonomy.gkpn.iplanner import IPlannerConfig
 from labr_autonomy.gkpn.iplanner_loss import IPlannerLoss
-from labr_autonomy.gkpn.train import CHECKPOINT, TrainConfig, train
+from labr_autonomy.gkpn.train import TrainConfig, run_facts, train
 
 
 def settings(
@@ -61,14 +58,7 @@ def main() -> None:
     if a.weights:
         from sim.bench.iplanner.export import export
 
-        history = torch.load(a.run / CHECKPOINT, weights_only=True)["history"]
-        facts = {
-            "config": asdict(config),
-            "history": history,
-            "data": training.facts(),
-            "validation": validation.facts(),
-        }
-        export(net, a.weights, validation, facts)
+        export(net, a.weights, validation, run_facts(a.run, config, training, validation))
 
 
 if __name__ == "__main__":

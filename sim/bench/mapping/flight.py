@@ -12,6 +12,7 @@ from labr_autonomy.frames import wrap_pi
 from labr_autonomy.perception.fields import Field3
 from labr_autonomy.refine import profile
 from labr_autonomy.refine.air import YAW_ACCELERATION_RPS2, follow_yaw
+from labr_autonomy.refine.air_planner import TURN_AHEAD_M, turn_first
 from labr_autonomy.refine.planner import Refiner
 from labr_autonomy.refine.reference import along
 from labr_autonomy.refine.values import STEP_S, AirState
@@ -27,8 +28,6 @@ ACCELERATION = 0.5  # of the limit
 SLOWER = (1.0, 0.75, 0.5)  # re-allocation of time while a limit is broken
 HARDER = (1.0, 8.0)  # weight on obstacles while the curve touches one
 SLACK = 1.005
-TURN_RAD, TURN_MOVING_RAD = math.radians(50.0), math.radians(90.0)
-LOOK_AHEAD_M, CLOSE_M, SLOW_MPS = 0.8, 0.5, 0.3
 ARRIVED_M = 0.03
 HEIGHT_GIVE_M = 0.05
 FACE_S, FACE_M = 0.6, 0.15  # it looks at where it will be then, if that is so far away
@@ -66,7 +65,7 @@ class Flight:
         still = float(np.linalg.norm(state.velocity)) < 0.05
         if length < ARRIVED_M and still:
             return self._checked(self._refiner.brake_air(state, now_s), field, "there")
-        turn = self._turn_needed(state, way_m)
+        turn = turn_first(state, along(way_m, np.array([TURN_AHEAD_M]))[0] - way_m[0])
         if turn is not None:
             made = self._turned(state, rate_rps, turn, field, now_s)
             if made.trajectory is not None:
@@ -175,16 +174,6 @@ class Flight:
             speed_mps=v[:, 0] * np.cos(yaw[:, 0]) + v[:, 1] * np.sin(yaw[:, 0]),
             source=Source.SEARCH,
         )
-
-    @staticmethod
-    def _turn_needed(state: AirState, way_m: Array) -> float | None:
-        offset = along(way_m, np.array([LOOK_AHEAD_M]))[0] - way_m[0]
-        if math.hypot(offset[0], offset[1]) < CLOSE_M:
-            return None
-        heading = math.atan2(offset[1], offset[0])
-        error = abs(wrap_pi(heading - state.yaw))
-        slow = float(np.linalg.norm(state.velocity)) < SLOW_MPS
-        return heading if error > (TURN_RAD if slow else TURN_MOVING_RAD) else None
 
     def _turned(self, state: AirState, rate_rps: float, heading: float, field: Field3, now_s: float) -> Made:
         """Come to a hover and turn to a heading."""

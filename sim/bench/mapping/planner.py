@@ -18,8 +18,10 @@ from labr_autonomy.modes.decision import classify
 from labr_autonomy.perception.fields import Field2, Field3
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
+from labr_autonomy.planner.places import AT_END_M, UNDER_GOAL_M, column_clear
 from labr_autonomy.refine.planner import Refiner
 from labr_autonomy.refine.reference import along
+from labr_autonomy.refine.search import GOAL_SNAP_M
 from labr_autonomy.refine.values import AirState, LandState
 from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Source, Trajectory
 from sim.bench.mapping.astar import Way, way_on_map
@@ -33,9 +35,6 @@ REPLAN_S = 0.3  # a trajectory that stays clear is kept this long
 RETRY_S = 0.1  # after a brake
 OFF_PLAN_M = 0.1  # farther from the kept trajectory than this it is planned anew
 MARGINS_M = (0.06, 0.0)  # of the way beyond the hard clearance; the next one when the goal is not reached
-GOAL_SNAP_M = 0.5
-UNDER_GOAL_M = 2.5  # how far from below an air goal the drive may end
-AT_END_M = 0.35
 AIR_HALF_M = (6.0, 6.0)  # crop of the map that a flight is planned in
 NEAR_HALF_M = (3.0, 3.0)  # and in which a kept one is checked between two plans
 AIR_GREED = 1.1
@@ -261,10 +260,4 @@ class MappingPlanner:
         return float(np.hypot(*(end - here))) < AT_END_M
 
     def _column_clear(self, request: PlanRequest, up_to_m: float) -> bool:
-        body, clearance = self._config.body, self._config.clearance
-        return self._map.column_clear(
-            request.body_pose.position_m[:2],
-            body.radius_m + clearance.landing_m,
-            request.floor_z_m + 0.1,
-            up_to_m + body.above_m + clearance.landing_m,
-        ).clear
+        return column_clear(self._map, self._config, request, up_to_m)
