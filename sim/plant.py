@@ -14,6 +14,7 @@ from labr_autonomy.types import Array
 from sim.battery import Battery
 from sim.chassis import Chassis
 from sim.disturbances import Disturbances, WindField
+from sim.land_core import Inputs
 from sim.quad.quad import CONTACT_M, Quad
 from sim.quad.state import QuadState
 from sim.rover import Rover
@@ -86,6 +87,18 @@ class Plant:
     def floor_z_m(self) -> float:
         """Height of the floor under the robot, odom [m]."""
         return self._floor.z_m
+
+    def pins(self, *, armed: bool) -> Inputs:
+        """What the land controller's pins tell it; `armed` puts power on the rotors."""
+        rolled = self.rover.state
+        return Inputs(
+            battery_v=self.battery.volts,
+            current_a=self.battery.current_a,
+            wheel_load=self.wheel_load,
+            rotors_possible=armed,
+            left_ticks=rolled.left_ticks,
+            right_ticks=rolled.right_ticks,
+        )
 
     @property
     def wheel_load(self) -> bool:

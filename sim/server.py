@@ -33,7 +33,6 @@ from labr_autonomy.types import Pose
 from sim.autopilot.link import AutopilotStandIn
 from sim.camera.process import CameraSpec
 from sim.land_controller import LandController
-from sim.land_core import Inputs
 from sim.plant import STEP_S, Plant, WheelDrive
 from sim.pose_slot import PoseSlotWriter
 from sim.referee import Referee
@@ -124,15 +123,7 @@ class Simulator:
     def _step(self, now_s: float) -> None:
         plant = self.plant
         motors = self._autopilot.step(now_s, plant.state, plant.battery)
-        seen = Inputs(
-            battery_v=plant.battery.volts,
-            current_a=plant.battery.current_a,
-            wheel_load=plant.wheel_load,
-            rotors_possible=self._autopilot.armed,
-            left_ticks=plant.rover.state.left_ticks,
-            right_ticks=plant.rover.state.right_ticks,
-        )
-        targets = self._land.step(now_s, seen)
+        targets = self._land.step(now_s, plant.pins(armed=self._autopilot.armed))
         self._drive = WheelDrive(targets.left_mps, targets.right_mps, targets.braked)
         plant.step(motors, self._drive)
         self.referee.watch(now_s, plant)

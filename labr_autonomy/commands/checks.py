@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ def crosscheck(family: str, trials: int, seed: int, out: Path | None, as_json: b
     from labr_autonomy.commands.bench import find_places
     from labr_autonomy.config import RobotConfig
     from labr_autonomy.record.run_folder import make_run_folder
-    from sim.bench.crosscheck import agreement, as_row, cross_check
+    from sim.bench.crosscheck import agreement, cross_check
     from sim.bench.tasks import sample_task
 
     folder = out or make_run_folder("bench-crosscheck")
@@ -56,7 +57,7 @@ def crosscheck(family: str, trials: int, seed: int, out: Path | None, as_json: b
     answer: dict[str, Any] = {
         "command": f"labr-mission bench crosscheck --family {family} --trials {trials} --seed {seed}"
     }
-    answer |= {"rows": [as_row(pair) for pair in pairs], **agreement(pairs)}
+    answer |= {"rows": [asdict(pair) for pair in pairs], **agreement(pairs)}
     (folder / "crosscheck.json").write_text(json.dumps(answer, indent=1) + "\n")
     if as_json:
         click.echo(json.dumps(answer))

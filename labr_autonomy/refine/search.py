@@ -7,6 +7,7 @@ Dijkstra over the 8-neighbour grid (`shortest`). Cells near obstacles cost more,
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,18 +131,32 @@ def straightened(cells: NDArray[np.int64], free: NDArray[np.bool_], cost: Array)
     spans = np.hypot(*np.diff(cells, axis=0).T)
     price = cost[tuple(cells.T)]
     spent = np.concatenate([[0.0], np.cumsum(spans * 0.5 * (price[1:] + price[:-1]))])
+
+    def passes(i: int, j: int) -> bool:
+        return _cut_ok(cells[i], cells[j], spent[j] - spent[i], free, cost)
+
+    return cells[farthest_cuts(len(cells), passes)]
+
+
+def farthest_cuts(count: int, passes: Callable[[int, int], bool]) -> list[int]:
+    """Places to keep of a way of `count`, its ends included, when it is cut short from each as far as can be.
+
+    Args:
+        count: Number of places, at least 1.
+        passes: Whether the way may go straight from one place to a later one; to the next it always may.
+    """
     kept = [0]
-    while kept[-1] < len(cells) - 1:
+    while kept[-1] < count - 1:
         i = kept[-1]
         j, hop = i + 1, 1
         while hop > 0:  # gallop ahead, then close in
-            try_at = min(j + hop, len(cells) - 1)
-            if try_at > j and _cut_ok(cells[i], cells[try_at], spent[try_at] - spent[i], free, cost):
-                j, hop = try_at, hop * 2
+            ahead = min(j + hop, count - 1)
+            if ahead > j and passes(i, ahead):
+                j, hop = ahead, hop * 2
             else:
                 hop //= 2
         kept.append(j)
-    return cells[kept]
+    return kept
 
 
 def _cut_ok(

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labr_autonomy.modes.energy import EnergyModel
+from labr_autonomy.refine.search import farthest_cuts
 from labr_autonomy.types import Array, Mode
 from sim.bench import route_kernels as kernels
 from sim.worlds.free_kernels import RING
@@ -284,15 +285,9 @@ def _pull(points: Array, cut: Callable[[Array, Array], float]) -> Array:
     single = [cut(a, b) for a, b in pairwise(points)]
     plain = np.linalg.norm(np.diff(points, axis=0), axis=1)
     spent = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(single), single, 2.0 * plain))])
-    kept = [0]
-    while kept[-1] < len(points) - 1:
-        i = kept[-1]
-        j, hop = i + 1, 1
-        while hop > 0:  # gallop ahead, then close in
-            ahead = min(j + hop, len(points) - 1)
-            if ahead > j and cut(points[i], points[ahead]) <= GAIN * (spent[ahead] - spent[i]) + 1e-9:
-                j, hop = ahead, hop * 2
-            else:
-                hop //= 2
-        kept.append(j)
-    return points[kept]
+
+    def passes(i: int, j: int) -> bool:
+        return bool(cut(points[i], points[j]) <= GAIN * (spent[j] - spent[i]) + 1e-9)
+
+    out: Array = points[farthest_cuts(len(points), passes)]
+    return out

@@ -15,11 +15,10 @@ from labr_autonomy.guard.failsafe import VIO_LATE_S
 from labr_autonomy.mission.instruments import look
 from labr_autonomy.mission.pilot import Actions, Order, Pilot
 from labr_autonomy.mission.steps import Kind, Status, Step
-from labr_autonomy.modes.transition import Phase
+from labr_autonomy.modes.transition import ROTORS, Phase
 from labr_autonomy.planner.messages import PlanRequest, PlanResult
 from labr_autonomy.types import DepthFrame, Mode, Odometry, Pose
 from sim.camera.process import Eye
-from sim.land_core import Inputs
 from sim.lockstep.air import AirSeam
 from sim.lockstep.land import LandSeam
 from sim.lockstep.planner import Planner
@@ -163,19 +162,7 @@ class LockstepFlight:
         self._now_s = self._steps * STEP_S
         plant = self._plant
         motors = self._air.step(self._now_s, STEP_S, plant.state, plant.battery)
-        rolled = plant.rover.state
-        drive = self._land.step(
-            self._now_s,
-            STEP_S,
-            Inputs(
-                battery_v=plant.battery.volts,
-                current_a=plant.battery.current_a,
-                wheel_load=plant.wheel_load,
-                rotors_possible=self._air.armed,
-                left_ticks=rolled.left_ticks,
-                right_ticks=rolled.right_ticks,
-            ),
-        )
+        drive = self._land.step(self._now_s, STEP_S, plant.pins(armed=self._air.armed))
         plant.step(None if motors is None else np.array(motors), drive)
         self.referee.watch(self._now_s, plant)
         if self._steps % VIO_EVERY == 0:
@@ -267,7 +254,7 @@ class LockstepFlight:
         self.record.joules.add(actions.phase, self._plant.battery.used_j)
         if self._ticks % TRACK_EVERY == 0:
             x, y, z = (round(float(v), 3) for v in self._plant.state.position_m)
-            flown = int(actions.phase not in (Phase.DRIVING, Phase.STOPPING))
+            flown = int(actions.phase in ROTORS)
             self.record.track.append((round(self.time_s, 2), x, y, z, flown))
 
     def _say(self, sentence: str) -> None:
