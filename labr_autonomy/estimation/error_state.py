@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labr_autonomy.estimation import strapdown
+from labr_autonomy.estimation import correction, strapdown
 from labr_autonomy.estimation.vio_message import VioSample
 from labr_autonomy.types import Array, ImuSample
 
@@ -60,52 +60,9 @@ class State:
     covariance: Array  # (15, 15)
 
 
-def _skew(v: Array) -> Array:
-    x, y, z = v.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def _turned(q: Array, rotation_rad: Array) -> tuple[Array, Array]:
-    """Product q * exp(rotation), normalised, as quaternion and as matrix; scalars are faster here."""
-    aw, ax, ay, az = q.tolist()
-    rx, ry, rz = rotation_rad.tolist()
-    angle = math.sqrt(rx * rx + ry * ry + rz * rz)
-    s = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
-    bw, bx, by, bz = math.cos(0.5 * angle), rx * s, ry * s, rz * s
-    w = aw * bw - ax * bx - ay * by - az * bz
-    x = aw * bx + ax * bw + ay * bz - az * by
-    y = aw * by - ax * bz + ay * bw + az * bx
-    z = aw * bz + ax * by - ay * bx + az * bw
-    n = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
-    w, x, y, z = w * n, x * n, y * n, z * n
-    matrix = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return np.array([w, x, y, z]), matrix
-
-
-def _rotation_between(q: Array, target: Array) -> Array:
-    """Rotation vector in body (3,) [rad] that turns attitude `q` into `target`."""
-    aw, ax, ay, az = q.tolist()
-    bw, bx, by, bz = target.tolist()
-    w = aw * bw + ax * bx + ay * by + az * bz
-    x = aw * bx - ax * bw - ay * bz + az * by
-    y = aw * by + ax * bz - ay * bw - az * bx
-    z = aw * bz - ax * by + ay * bx - az * bw
-    n = math.sqrt(x * x + y * y + z * z)
-    if n < 1e-12:
-        return np.zeros(3)
-    scale = 2.0 * math.atan2(n, abs(w)) / n
-    return np.array([x, y, z]) * (scale if w >= 0.0 else -scale)
-
-
 def start(sample: VioSample, noise: Noise) -> State:
     """The state that the first VIO sample tells."""
-    q, rotation = _turned(sample.quaternion, np.zeros(3))
+    q, rotation = correction.turned_by(sample.quaternion, np.zeros(3))
     covariance = np.zeros((15, 15))
     covariance[:3, :3] = _floored(sample.covariance[:3, :3], noise.vio_position_floor_m)
     covariance[R, R] = _floored(sample.covariance[3:, 3:], noise.vio_rotation_floor_rad)
@@ -237,23 +194,21 @@ def correct_vio(s: State, sample: VioSample, gate: float, noise: Noise) -> tuple
     Returns:
         The new state (the same object when gated) and the distance, chi-square of 9 if all is well.
     """
-    r = np.empty(9)
-    r[:3] = sample.position_m - s.position_m
-    r[3:6] = sample.velocity_mps - s.velocity_mps
-    r[6:] = _rotation_between(s.quaternion, sample.quaternion)
-    innovation = s.covariance[:9, :9].copy()
-    innovation[:3, :3] += _floored(sample.covariance[:3, :3], noise.vio_position_floor_m)
-    innovation[V, V] += np.eye(3) * noise.vio_velocity_mps**2
-    innovation[R, R] += _floored(sample.covariance[3:, 3:], noise.vio_rotation_floor_rad)
-    cross = sample.covariance[:3, 3:]
-    innovation[:3, 6:] += cross
-    innovation[6:, :3] += cross.T
-    inverse = np.linalg.inv(innovation)
-    distance = float(r @ inverse @ r)
+    error, covariance, distance = correction.vio(
+        s.position_m,
+        s.velocity_mps,
+        s.quaternion,
+        s.covariance,
+        sample.position_m,
+        sample.velocity_mps,
+        sample.quaternion,
+        sample.covariance,
+        (noise.vio_position_floor_m, noise.vio_rotation_floor_rad, noise.vio_velocity_mps),
+        gate,
+    )
     if not distance <= gate:
         return s, distance
-    gain = s.covariance[:, :9] @ inverse
-    return _injected(s, gain @ r, s.covariance - gain @ s.covariance[:9, :]), distance
+    return _injected(s, error, covariance), distance
 
 
 def correct_wheels(
@@ -273,35 +228,23 @@ def correct_wheels(
     Returns:
         The new state (the same object when both are gated) and the two distances.
     """
-    body = s.rotation.T @ s.velocity_mps
-    h = np.empty((3, 6))  # with respect to velocity and rotation
-    h[:, :3] = s.rotation.T
-    h[:, 3:] = _skew(body)
-    r = -body
-    r[0] += speed_mps
-    cross = s.covariance[:, 3:9] @ h.T
-    innovation = h @ cross[3:9]
     sigma = noise.wheel_speed_mps + noise.wheel_speed_share * abs(speed_mps)
-    innovation[0, 0] += sigma * sigma
-    innovation[1, 1] += noise.wheel_side_mps**2
-    innovation[2, 2] += noise.wheel_up_mps**2
-    _, left, up = r.tolist()
-    (_, _, _), (_, a, b), (_, _, c) = innovation.tolist()
-    speed_distance = float(r[0] * r[0] / innovation[0, 0])
-    side_distance = (c * left * left - 2.0 * b * left * up + a * up * up) / (a * c - b * b)
-    rows = [0] * (speed_distance <= gate_speed) + [1, 2] * (side_distance <= gate_side)
-    if not rows:
-        return s, speed_distance, side_distance
-    if len(rows) < 3:
-        r, cross, innovation = r[rows], cross[:, rows], innovation[np.ix_(rows, rows)]
-    gain = cross @ np.linalg.inv(innovation)
-    after = _injected(s, gain @ r, s.covariance - gain @ cross.T)
-    return after, speed_distance, side_distance
+    error, covariance, slip, side = correction.wheels(
+        s.velocity_mps,
+        s.rotation,
+        s.covariance,
+        speed_mps,
+        (sigma * sigma, noise.wheel_side_mps**2, noise.wheel_up_mps**2),
+        (gate_speed, gate_side),
+    )
+    if slip > gate_speed and side > gate_side:
+        return s, slip, side
+    return _injected(s, error, covariance), slip, side
 
 
 def _injected(s: State, error: Array, covariance: Array) -> State:
     """The nominal state with its estimated error moved in."""
-    q, rotation = _turned(s.quaternion, error[R])
+    q, rotation = correction.turned_by(s.quaternion, error[R])
     return State(
         s.position_m + error[P],
         s.velocity_mps + error[V],
@@ -309,5 +252,5 @@ def _injected(s: State, error: Array, covariance: Array) -> State:
         rotation,
         s.gyroscope_bias_rps + error[BG],
         s.accelerometer_bias_mps2 + error[BA],
-        0.5 * (covariance + covariance.T),
+        covariance,
     )

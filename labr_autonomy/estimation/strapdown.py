@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _turned(q: Any, rx: float, ry: float, rz: float, out_q: Any, out: Any) -> None:
+def turn_into(q: Any, rx: float, ry: float, rz: float, out_q: Any, out: Any) -> None:
     """Product q * exp(rotation), normalised, as quaternion and as matrix."""
     angle = math.sqrt(rx * rx + ry * ry + rz * rz)
     s = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
@@ -63,10 +63,10 @@ def advance(
     spare, half, turned, rotation = np.empty(4), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     q = np.empty(4)
     rx, ry, rz = rate_rps[0] * dt, rate_rps[1] * dt, rate_rps[2] * dt
-    _turned(quaternion, 0.5 * rx, 0.5 * ry, 0.5 * rz, spare, half)  # attitude in the middle of the step
-    _turned(quaternion, rx, ry, rz, q, rotation)
+    turn_into(quaternion, 0.5 * rx, 0.5 * ry, 0.5 * rz, spare, half)  # attitude in the middle of the step
+    turn_into(quaternion, rx, ry, rz, q, rotation)
     spare[0], spare[1], spare[2], spare[3] = 1.0, 0.0, 0.0, 0.0
-    _turned(spare.copy(), -rx, -ry, -rz, spare, turned)
+    turn_into(spare.copy(), -rx, -ry, -rz, spare, turned)
     position, velocity = np.empty(3), np.empty(3)
     f = np.eye(15)
     a, b, c = force_mps2[0], force_mps2[1], force_mps2[2]

@@ -8,33 +8,16 @@ outside, its negative inside, so that the interpolated field crosses zero on the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from labr_autonomy.perception.edt import distance_to
+from labr_autonomy.perception.interpolate import interpolated
 from labr_autonomy.types import Array
 
 Bits = NDArray[np.bool_]
 Distances = NDArray[np.float32]
-
-
-def _interpolate(values: Distances, origin_m: Array, cell_m: float, points_m: Array) -> Array:
-    """Multilinear interpolation between cell centres, clamped to the border; points (k, d) -> (k,)."""
-    shape = np.array(values.shape)
-    u = np.clip((np.asarray(points_m, float) - origin_m) / cell_m - 0.5, 0.0, shape - 1.0)
-    low = np.minimum(u.astype(np.intp), np.maximum(shape - 2, 0))
-    high = np.minimum(low + 1, shape - 1)
-    f = u - low
-    out = np.zeros(len(u))
-    for corner in product((0, 1), repeat=values.ndim):
-        index = tuple(high[:, axis] if bit else low[:, axis] for axis, bit in enumerate(corner))
-        weight = np.ones(len(u))
-        for axis, bit in enumerate(corner):
-            weight = weight * (f[:, axis] if bit else 1.0 - f[:, axis])
-        out += weight * values[index]
-    return out
 
 
 def _surface(occupied: Bits) -> Bits:
@@ -50,14 +33,16 @@ def _surface(occupied: Bits) -> Bits:
     return occupied & ~buried
 
 
-def _cells_away(filled: NDArray[np.uint8]) -> Distances:
-    """Distance in cells from every filled cell's centre to that of the nearest empty one, correctly rounded.
-
-    OpenCV's last bit depends on where in memory the rows lie; the squares are whole numbers, so that rounding
-    them gives the same answer in every run.
-    """
-    away = cv2.distanceTransform(filled, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    out: Distances = np.sqrt(np.rint(away * away))
+def _signed_m(occupied: Bits, cell_m: float) -> Distances:
+    """Signed distance at every cell's centre; see the module."""
+    far = np.float32(_far_m(occupied.shape, cell_m))
+    if not occupied.any():
+        return np.full(occupied.shape, far)
+    if occupied.all():
+        return np.full(occupied.shape, -far)
+    outside, inside = distance_to(occupied, True), distance_to(occupied, False)
+    half, cell = np.float32(0.5), np.float32(cell_m)
+    out: Distances = (np.where(occupied, half - inside, outside - half)) * cell
     return out
 
 
@@ -89,7 +74,7 @@ class _Field:
 
     def lookup(self, points_m: Array) -> Array:
         """Signed distance at points (k, d) [m], interpolated; outside the grid that of its border."""
-        return _interpolate(self.distance_m, self.origin_m, self.cell_m, points_m)
+        return interpolated(self.distance_m, self.origin_m, self.cell_m, points_m)
 
     def gradient(self, points_m: Array) -> Array:
         """Direction of growing distance at points (k, d), (k, d) [m/m], central difference over one cell."""
@@ -123,18 +108,7 @@ class Field2(_Field):
     @classmethod
     def from_occupied(cls, occupied: Bits, known: Bits, origin_m: Array, cell_m: float) -> Field2:
         """Exact Euclidean distances of an occupancy grid (nx, ny)."""
-        far = _far_m(occupied.shape, cell_m)
-        if not occupied.any():
-            return cls(np.full(occupied.shape, far, np.float32), known, np.asarray(origin_m, float), cell_m)
-        solid = np.ascontiguousarray(occupied, np.uint8)
-        outside = _cells_away(1 - solid) * cell_m
-        signed = outside - 0.5 * cell_m
-        if occupied.all():
-            signed = np.full(occupied.shape, -far, np.float32)
-        else:
-            inside = _cells_away(solid) * cell_m
-            signed = np.where(occupied, 0.5 * cell_m - inside, signed)
-        return cls(signed.astype(np.float32, copy=False), known, np.asarray(origin_m, float), cell_m)
+        return cls(_signed_m(occupied, cell_m), known, np.asarray(origin_m, float), cell_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,13 +118,4 @@ class Field3(_Field):
     @classmethod
     def from_occupied(cls, occupied: Bits, known: Bits, origin_m: Array, cell_m: float) -> Field3:
         """Exact Euclidean distances of an occupancy grid (nx, ny, nz)."""
-        far = _far_m(occupied.shape, cell_m)
-        if not occupied.any():
-            return cls(np.full(occupied.shape, far, np.float32), known, np.asarray(origin_m, float), cell_m)
-        if occupied.all():
-            return cls(np.full(occupied.shape, -far, np.float32), known, np.asarray(origin_m, float), cell_m)
-        from labr_autonomy.perception.edt import distance_to  # numba: only where it is used
-
-        outside, inside = distance_to(occupied, True), distance_to(occupied, False)
-        signed = (np.where(occupied, 0.5 - inside, outside - 0.5)) * np.float32(cell_m)
-        return cls(signed.astype(np.float32, copy=False), known, np.asarray(origin_m, float), cell_m)
+        return cls(_signed_m(occupied, cell_m), known, np.asarray(origin_m, float), cell_m)

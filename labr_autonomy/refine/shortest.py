@@ -1,4 +1,9 @@
-"""Compiled shortest ways on a grid: Dijkstra from one cell over its eight neighbours, with a binary heap."""
+"""Compiled shortest ways on a grid: Dijkstra from one cell over its eight neighbours, with buckets.
+
+Cells wait in buckets as wide as the cheapest step (R. Dial, "Algorithm 360: Shortest-path forest with
+topological ordering", 1969): no step leads into the bucket it starts from, so the cells of one bucket are
+final in any order and no heap is needed.
+"""
 
 from __future__ import annotations
 
@@ -13,40 +18,53 @@ Floats = NDArray[np.float64]
 Cells = NDArray[np.int32]
 
 _DIAGONAL = math.sqrt(2.0)
+_NARROWER = 1.0 - 1e-9  # so that no rounding puts a step of the least cost into its own bucket
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _push(keys: Any, items: Any, size: int, key: float, item: int) -> int:
-    """Sift up."""
-    at = size
-    while at > 0:
-        above = (at - 1) >> 1
-        if keys[above] <= key:
-            break
-        keys[at], items[at] = keys[above], items[above]
-        at = above
-    keys[at], items[at] = key, item
-    return size + 1
+def _extremes(price: Any, cost: Any) -> tuple[float, float]:
+    """Least and highest price among the cells that may be entered and the one to reach."""
+    least, most = np.inf, 0.0
+    for k in range(len(price)):
+        if cost[k] >= 0.0:
+            least, most = min(least, price[k]), max(most, price[k])
+    return least, most
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _pop(keys: Any, items: Any, size: int) -> int:
-    """Take the root away and sift the last one down; returns the new size."""
-    size -= 1
-    key, item = keys[size], items[size]
-    at = 0
-    while True:
-        below = 2 * at + 1
-        if below >= size:
-            break
-        if below + 1 < size and keys[below + 1] < keys[below]:
-            below += 1
-        if key <= keys[below]:
-            break
-        keys[at], items[at] = keys[below], items[below]
-        at = below
-    keys[at], items[at] = key, item
-    return size
+def _without_border(cost: Any, towards: Any, nx: int, ny: int) -> tuple[Any, Any]:
+    """Costs and next cells of the grid itself, inf and -1 where there is no way."""
+    row = ny + 2
+    costs, ways = np.full(nx * ny, np.inf), np.full(nx * ny, -1, np.int32)
+    for i in range(nx):
+        for j in range(ny):
+            k = (i + 1) * row + j + 1
+            if cost[k] >= 0.0:
+                costs[i * ny + j] = cost[k]
+            if towards[k] >= 0:
+                ways[i * ny + j] = (towards[k] // row - 1) * ny + towards[k] % row - 1
+    return costs, ways
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _unlink(heads: Any, before: Any, after: Any, bucket: int, item: int) -> None:
+    """Take a cell out of its bucket's list."""
+    if before[item] >= 0:
+        after[before[item]] = after[item]
+    else:
+        heads[bucket] = after[item]
+    if after[item] >= 0:
+        before[after[item]] = before[item]
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _link(heads: Any, before: Any, after: Any, bucket: int, item: int) -> None:
+    """Put a cell in front of its bucket's list."""
+    first = heads[bucket]
+    before[item], after[item] = -1, first
+    if first >= 0:
+        before[first] = item
+    heads[bucket] = item
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -55,44 +73,56 @@ def costs_from(free: NDArray[np.bool_], price: Floats, goal: int) -> tuple[Float
 
     Args:
         free: (nx, ny) cells that may be entered.
-        price: (nx, ny) cost of one cell's edge length in each cell; a step pays the mean of both ends.
+        price: (nx, ny) cost of one cell's edge length in each cell, above 0; a step pays the mean of
+            both ends.
         goal: Flat index of the cell to reach; it need not be free.
 
     Returns:
         Cost (nx * ny,), inf where there is no way, and the next cell (nx * ny,), -1 at the goal and there.
     """
     nx, ny = free.shape
-    cost = np.full(nx * ny, np.inf)
-    after = np.full(nx * ny, -1, np.int32)
-    done = np.zeros(nx * ny, np.bool_)
-    keys, items = np.empty(8 * nx * ny), np.empty(8 * nx * ny, np.int32)
-    cost[goal] = 0.0
-    size = _push(keys, items, 0, 0.0, goal)
-    while size > 0:
-        here = items[0]
-        size = _pop(keys, items, size)
-        if done[here]:
+    row = ny + 2  # a border of cells that are not free spares every neighbour its two tests
+    n = (nx + 2) * row
+    cost, halves = np.full(n, -np.inf), np.zeros(n)  # nothing is cheaper than what is not free
+    for i in range(nx):
+        for j in range(ny):
+            k = (i + 1) * row + j + 1
+            halves[k] = 0.5 * price[i, j]
+            if free[i, j]:
+                cost[k] = np.inf
+    start = (goal // ny + 1) * row + goal % ny + 1
+    cost[start] = 0.0
+    least, most = _extremes(halves, cost)
+    per_bucket = 0.5 / (least * _NARROWER)
+    count = int(2.0 * _DIAGONAL * most * per_bucket) + 2  # the farthest that a step leads, and round again
+    heads = np.full(count, -1, np.int32)
+    before, after, bucket_of = np.empty(n, np.int32), np.empty(n, np.int32), np.full(n, -1, np.int32)
+    towards = np.full(n, -1, np.int32)
+    offsets = (-row - 1, -row, -row + 1, -1, 1, row - 1, row, row + 1)
+    lengths = (_DIAGONAL, 1.0, _DIAGONAL, 1.0, 1.0, _DIAGONAL, 1.0, _DIAGONAL)
+    _link(heads, before, after, 0, start)
+    waiting, bucket = 1, 0
+    while waiting > 0:
+        here = heads[bucket]
+        if here < 0:
+            bucket = bucket + 1 if bucket + 1 < count else 0
             continue
-        done[here] = True
-        i, j = here // ny, here % ny
-        for di in range(-1, 2):
-            a = i + di
-            if a < 0 or a >= nx:
+        _unlink(heads, before, after, bucket, here)
+        bucket_of[here] = -1
+        waiting -= 1
+        for k in range(8):
+            there = here + offsets[k]
+            total = cost[here] + lengths[k] * (halves[here] + halves[there])
+            if total >= cost[there]:  # so are all that are final
                 continue
-            for dj in range(-1, 2):
-                b = j + dj
-                if (di == 0 and dj == 0) or b < 0 or b >= ny or not free[a, b]:
-                    continue
-                there = a * ny + b
-                if done[there]:
-                    continue
-                length = _DIAGONAL if di != 0 and dj != 0 else 1.0
-                total = cost[here] + length * 0.5 * (price[i, j] + price[a, b])
-                if total < cost[there]:
-                    cost[there] = total
-                    after[there] = here
-                    size = _push(keys, items, size, total, there)
-    return cost, after
+            if bucket_of[there] >= 0:
+                _unlink(heads, before, after, bucket_of[there], there)
+            else:
+                waiting += 1
+            cost[there], towards[there] = total, here
+            bucket_of[there] = int(total * per_bucket) % count
+            _link(heads, before, after, bucket_of[there], there)
+    return _without_border(cost, towards, nx, ny)
 
 
 def warm_up() -> None:

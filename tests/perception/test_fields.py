@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from labr_autonomy.perception import fields
+from labr_autonomy.perception.edt import distance_to
 from labr_autonomy.perception.fields import Field2, Field3
 
 CELL = 0.1
@@ -98,6 +98,6 @@ def test_distances_are_correctly_rounded_so_that_every_run_gets_the_same(seed):
     cells = np.stack(np.meshgrid(np.arange(70), np.arange(61), indexing="ij"), axis=-1)
     squared = ((cells[:, :, None] - far) ** 2).sum(axis=-1).min(axis=-1)
     exact = np.sqrt(squared.astype(np.float32))
-    found = fields._cells_away(1 - occupied.astype(np.uint8))
+    found = distance_to(occupied, True)
     assert found.dtype == np.float32
     assert np.array_equal(found, exact)
