@@ -9,7 +9,7 @@ latched fault. Everything else is braked.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from firmware_bridge.dialect import labr_land as wire
 from sim.land_params import Parameters
@@ -30,8 +30,7 @@ _CLEARED_BY_COMMAND = (
 _LATCHED = wire.LAND_FAULT_WHEEL_STALL | wire.LAND_FAULT_WHEEL_RUNAWAY | wire.LAND_FAULT_OVERCURRENT
 
 
-@dataclass(frozen=True, slots=True)
-class Inputs:
+class Inputs(NamedTuple):
     """What the controller's pins tell it."""
 
     battery_v: float
@@ -42,8 +41,7 @@ class Inputs:
     right_ticks: int
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
+class Command(NamedTuple):
     """A velocity command as received."""
 
     session: int
@@ -55,8 +53,7 @@ class Command:
     air_lock: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Drive:
+class Drive(NamedTuple):
     """What the motor stage is told."""
 
     left_mps: float = 0.0
@@ -64,8 +61,7 @@ class Drive:
     braked: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class State:
+class State(NamedTuple):
     """Everything the controller remembers."""
 
     boot_count: int = 1
@@ -137,17 +133,16 @@ def ahead(later: int, earlier: int, bits: int) -> int:
 
 def disengage(s: State) -> State:
     """Stop, and ask for a disengaged command before the next engaged one."""
-    return replace(s, engaged=False, neutral_seen=False, moving=False)
+    return s._replace(engaged=False, neutral_seen=False, moving=False)
 
 
 def on_hello(s: State, nonce: int, protocol: int, dialect_hash: int, now_ms: int) -> State:
     """Open a session; the same nonce keeps it, another one ends it, a stranger's dialect opens none."""
     if (protocol, dialect_hash) != (wire.PROTOCOL, wire.DIALECT_HASH):
-        return replace(disengage(s), session=0, nonce=0)
+        return disengage(s)._replace(session=0, nonce=0)
     if s.session and s.nonce == nonce:
         return s
-    return replace(
-        disengage(s),
+    return disengage(s)._replace(
         nonce=nonce,
         session=_mix(nonce, s.boot_count, s.sessions),
         sessions=s.sessions + 1,
@@ -163,24 +158,23 @@ def on_heartbeat(s: State, session: int, engaged: bool, now_ms: int) -> State:
     """The computer lives. Its word that it is not engaged counts at once, its word that it is does not."""
     if not s.session or session != s.session:
         return s
-    s = replace(s, heartbeat_ms=now_ms)
-    return s if engaged else replace(s, engaged=False, moving=False)
+    s = s._replace(heartbeat_ms=now_ms)
+    return s if engaged else s._replace(engaged=False, moving=False)
 
 
 def on_velocity(s: State, c: Command, p: Parameters, now_ms: int) -> State:
     """Accept or refuse a command; a refused one neither moves the wheels nor feeds the watchdog."""
     if not s.session or c.session != s.session:
-        return replace(s, last_result=wire.LAND_RESULT_SESSION)
+        return s._replace(last_result=wire.LAND_RESULT_SESSION)
     if c.air_lock:
-        s = replace(s, air_lock=True)  # a restriction is believed even in a command that is refused
+        s = s._replace(air_lock=True)  # a restriction is believed even in a command that is refused
     result = _judge(s, c, p, now_ms)
     if result != wire.LAND_RESULT_OK:
-        return replace(s, last_result=result, faults=s.faults | wire.LAND_FAULT_COMMAND_REFUSED)
+        return s._replace(last_result=result, faults=s.faults | wire.LAND_FAULT_COMMAND_REFUSED)
     faults = s.faults & ~_CLEARED_BY_COMMAND
     if not c.engaged:
         faults &= ~_LATCHED
-    return replace(
-        s,
+    return s._replace(
         last_result=result,
         faults=faults,
         sequence=c.sequence,
@@ -221,7 +215,7 @@ def _alive(s: State, now_ms: int) -> bool:
 
 def on_estop(s: State) -> State:
     """Latch the emergency stop, whoever asks."""
-    return replace(disengage(s), estop=True, token=0)
+    return disengage(s)._replace(estop=True, token=0)
 
 
 def on_release(s: State, session: int, step: int, token: int, now_ms: int) -> tuple[State, int, int]:
@@ -231,11 +225,11 @@ def on_release(s: State, session: int, step: int, token: int, now_ms: int) -> tu
     valid = bool(s.token) and ahead(now_ms, s.token_ms, 32) <= TOKEN_MS
     if step == 1 and s.estop:
         if not valid:  # a repeated question gets the same answer
-            s = replace(s, token=_mix(s.session, now_ms), token_ms=now_ms)
+            s = s._replace(token=_mix(s.session, now_ms), token_ms=now_ms)
         return s, wire.LAND_RESULT_OK, s.token
     if step == 2 and s.estop and valid and token == s.token:
-        return replace(disengage(s), estop=False, token=0), wire.LAND_RESULT_OK, 0
-    return replace(s, token=0), wire.LAND_RESULT_UNKNOWN, 0
+        return disengage(s)._replace(estop=False, token=0), wire.LAND_RESULT_OK, 0
+    return s._replace(token=0), wire.LAND_RESULT_UNKNOWN, 0
 
 
 def tick(s: State, i: Inputs, p: Parameters, now_ms: int, dt_s: float) -> State:
@@ -247,7 +241,7 @@ def tick(s: State, i: Inputs, p: Parameters, now_ms: int, dt_s: float) -> State:
     faults |= wire.LAND_FAULT_BATTERY_LOW * (i.battery_v < p.battery_low)
     faults |= wire.LAND_FAULT_ESTOP * s.estop
     drive = _drive(s, p, dt_s)
-    return s if faults == s.faults and drive == s.drive else replace(s, faults=faults, drive=drive)
+    return s if faults == s.faults and drive == s.drive else s._replace(faults=faults, drive=drive)
 
 
 def may_move(s: State) -> bool:
@@ -269,11 +263,11 @@ def _watch_computer(s: State, now_ms: int) -> State:
     if s.session and not _alive(s, now_ms):
         lost = wire.LAND_FAULT_HEARTBEAT_LOST * s.engaged
         # An hour-old stamp must not look fresh again when the counter wraps.
-        s = replace(disengage(s), heartbeat_ms=None, faults=s.faults | lost)
+        s = disengage(s)._replace(heartbeat_ms=None, faults=s.faults | lost)
     if s.moving and s.accepted_ms is not None:
         old = ahead(now_ms, s.accepted_ms, 32) > COMMAND_MS
         if old or ahead(s.deadline_ms, now_ms, 32) < 0:
-            s = replace(s, moving=False, faults=s.faults | wire.LAND_FAULT_COMMAND_TIMEOUT)
+            s = s._replace(moving=False, faults=s.faults | wire.LAND_FAULT_COMMAND_TIMEOUT)
     return s
 
 
@@ -285,10 +279,9 @@ def _measure(s: State, i: Inputs, p: Parameters, now_ms: int) -> State:
     then_ms, left, right = samples[0]
     span_s = ahead(now_ms, then_ms, 32) * 1e-3
     if span_s <= 0.0:
-        return replace(s, samples=samples, wheel_load=i.wheel_load, rotors=i.rotors_possible)
+        return s._replace(samples=samples, wheel_load=i.wheel_load, rotors=i.rotors_possible)
     per_tick = 1.0 / (p.ticks_per_m * span_s)
-    return replace(
-        s,
+    return s._replace(
         samples=samples,
         wheel_load=i.wheel_load,
         rotors=i.rotors_possible,
@@ -317,7 +310,7 @@ def _watch_wheels(s: State, i: Inputs, p: Parameters, now_ms: int) -> State:
     since = (stalled, runaway, current)
     if lasted or since != (s.stalled_ms, s.runaway_ms, s.overcurrent_ms):
         faults = s.faults | lasted
-        s = replace(s, stalled_ms=stalled, runaway_ms=runaway, overcurrent_ms=current, faults=faults)
+        s = s._replace(stalled_ms=stalled, runaway_ms=runaway, overcurrent_ms=current, faults=faults)
     return disengage(s) if lasted else s
 
 

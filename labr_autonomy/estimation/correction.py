@@ -144,7 +144,8 @@ def vio(
             innovation[6 + i, 6 + j] += max(turn, sigmas[1] ** 2) if i == j else turn
             innovation[i, 6 + j] += seen_covariance[i, 3 + j]
             innovation[6 + j, i] += seen_covariance[i, 3 + j]
-    return correction(covariance, covariance[:, :9], innovation, residual, gate)
+    error, after, distance = correction(covariance, covariance[:, :9], innovation, residual, gate)
+    return error, after, distance
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]

@@ -14,6 +14,7 @@ import numpy as np
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import LabrError
 from labr_autonomy.frames import rotation_matrix
+from labr_autonomy.perception.columns import columns
 from labr_autonomy.perception.fields import Bits, Field2, Field3
 from labr_autonomy.perception.raycast import Grid, integrate
 from labr_autonomy.types import Array, DepthFrame, Intrinsics, Pose
@@ -167,13 +168,7 @@ class RollingMap:
         body = self._config.body
         top_m = floor_z_m + body.below_m + body.above_m + LAND_HEADROOM_M
         low, high = self._layers(floor_z_m + FLOOR_BAND_M, top_m)
-        layers = self.log_odds[:, :, low:high]
-        occupied = np.zeros(layers.shape[:2], bool)
-        free = np.zeros(layers.shape[:2], np.uint8)
-        for k in range(layers.shape[2]):  # few layers: faster than reducing over a short last axis
-            occupied |= layers[:, :, k] >= OCCUPIED
-            free += layers[:, :, k] < 0
-        known = occupied | ((layers[:, :, 0] < 0) & (2 * free > layers.shape[2]))
+        occupied, known = columns(self.log_odds, low, high, OCCUPIED)
         return Field2.from_occupied(occupied, known, self.origin_m[:2], self.cell_m)
 
     def air_field(
@@ -295,5 +290,7 @@ def warm_up() -> None:
     grid = RollingMap(RobotConfig(), (1.0, 1.0, 1.0))
     depth = np.ones((12, 16), np.float32)
     frame = DepthFrame(0, 0.0, depth, Intrinsics(16, 12, 8.0, 8.0, 8.0, 6.0))
-    grid.update(frame, Pose(np.array([0.0, 0.0, 0.12]), np.array([1.0, 0.0, 0.0, 0.0])), 0.0)
-    grid.air_field(np.zeros(2))
+    pose = Pose(np.array([0.0, 0.0, 0.12]), np.array([1.0, 0.0, 0.0, 0.0]))
+    grid.update(frame, pose, 0.0)
+    grid.land_field(pose, 0.0).lookup(np.zeros((1, 2)))
+    grid.air_field(np.zeros(2)).lookup(np.zeros((1, 3)))

@@ -122,7 +122,8 @@ def costs_from(free: NDArray[np.bool_], price: Floats, goal: int) -> tuple[Float
             cost[there], towards[there] = total, here
             bucket_of[there] = int(total * per_bucket) % count
             _link(heads, before, after, bucket_of[there], there)
-    return _without_border(cost, towards, nx, ny)
+    costs, ways = _without_border(cost, towards, nx, ny)
+    return costs, ways
 
 
 def warm_up() -> None:

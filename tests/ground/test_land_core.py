@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import random
-from dataclasses import replace
 
 import pytest
 
@@ -27,7 +26,7 @@ def fresh_session(now_ms: int = NOW) -> State:
 
 def command(s: State, sequence: int, v: int = 400, now_ms: int = NOW, **changes) -> Command:
     plain = Command(s.session, (now_ms + 200) % 2**32, v, 0, sequence, engaged=True, air_lock=False)
-    return replace(plain, **changes)
+    return plain._replace(**changes)
 
 
 def say(s: State, c: Command, now_ms: int = NOW) -> State:
@@ -60,16 +59,16 @@ def test_without_a_hello_nothing_is_obeyed():
 
 
 CONDITIONS = {
-    "session": lambda s: replace(s, session=0),
-    "engaged": lambda s: replace(s, engaged=False),
-    "fresh": lambda s: replace(s, accepted_ms=NOW - 196),  # 200 ms old at NOW + 4, and 204 ms at NOW + 8
-    "deadline": lambda s: replace(s, deadline_ms=NOW + 7),
+    "session": lambda s: s._replace(session=0),
+    "engaged": lambda s: s._replace(engaged=False),
+    "fresh": lambda s: s._replace(accepted_ms=NOW - 196),  # 200 ms old at NOW + 4, and 204 ms at NOW + 8
+    "deadline": lambda s: s._replace(deadline_ms=NOW + 7),
     "estop": core.on_estop,
-    "air lock": lambda s: replace(s, air_lock=True),
-    "heartbeat": lambda s: replace(s, heartbeat_ms=NOW - 993),
-    "stall": lambda s: replace(s, faults=wire.LAND_FAULT_WHEEL_STALL),
-    "runaway": lambda s: replace(s, faults=wire.LAND_FAULT_WHEEL_RUNAWAY),
-    "current": lambda s: replace(s, faults=wire.LAND_FAULT_OVERCURRENT),
+    "air lock": lambda s: s._replace(air_lock=True),
+    "heartbeat": lambda s: s._replace(heartbeat_ms=NOW - 993),
+    "stall": lambda s: s._replace(faults=wire.LAND_FAULT_WHEEL_STALL),
+    "runaway": lambda s: s._replace(faults=wire.LAND_FAULT_WHEEL_RUNAWAY),
+    "current": lambda s: s._replace(faults=wire.LAND_FAULT_OVERCURRENT),
 }
 
 
@@ -81,7 +80,7 @@ def test_each_missing_condition_brakes_at_once(name):
 
 @pytest.mark.parametrize(("load", "rotors"), [(False, False), (False, True), (True, True)])
 def test_wheels_stand_without_load_or_with_rotors(load, rotors):
-    inputs = replace(GROUND, wheel_load=load, rotors_possible=rotors)
+    inputs = GROUND._replace(wheel_load=load, rotors_possible=rotors)
     assert tick(driving(), NOW + 8, inputs).drive.braked
     assert not tick(tick(driving(), NOW + 8, inputs), NOW + 12).drive.braked  # a bounce is over
 
@@ -126,7 +125,7 @@ REFUSALS = {
 def test_a_refused_command_neither_moves_nor_feeds_the_watchdog(name):
     changes, result = REFUSALS[name]
     s = driving()
-    after = say(s, replace(command(s, 3, v=800), **changes))
+    after = say(s, command(s, 3, v=800)._replace(**changes))
     assert after.last_result == result
     assert (after.v_mmps, after.accepted_ms, after.sequence) == (s.v_mmps, s.accepted_ms, s.sequence)
 
@@ -139,20 +138,20 @@ def test_the_limits_themselves_are_allowed(v, w):
 
 def test_refused_because_of_the_robot():
     for inputs, result in (
-        (replace(GROUND, wheel_load=False), wire.LAND_RESULT_LOAD),
-        (replace(GROUND, rotors_possible=True), wire.LAND_RESULT_ROTORS),
+        (GROUND._replace(wheel_load=False), wire.LAND_RESULT_LOAD),
+        (GROUND._replace(rotors_possible=True), wire.LAND_RESULT_ROTORS),
     ):
         s = tick(driving(), NOW + 8, inputs)
         assert say(s, command(s, 3)).last_result == result
         assert say(s, command(s, 3, v=0)).last_result == OK  # standing is always fine
     s = core.on_estop(driving())
     assert say(s, command(s, 3)).last_result == wire.LAND_RESULT_ESTOP
-    s = replace(driving(), heartbeat_ms=NOW - 1001)
+    s = driving()._replace(heartbeat_ms=NOW - 1001)
     assert say(s, command(s, 3)).last_result == wire.LAND_RESULT_HEARTBEAT
 
 
 def test_the_sequence_wraps():
-    s = replace(driving(), sequence=65535)
+    s = driving()._replace(sequence=65535)
     s = say(s, command(s, 0))
     assert (s.last_result, s.sequence) == (OK, 0)
 
@@ -252,9 +251,9 @@ def keep_commanding(s: State, inputs_at, until_ms: int = 2000) -> tuple[State, i
     ("inputs_at", "fault"),
     [
         (lambda t: GROUND, wire.LAND_FAULT_WHEEL_STALL),
-        (lambda t: replace(GROUND, left_ticks=8 * t, right_ticks=8 * t), wire.LAND_FAULT_WHEEL_RUNAWAY),
+        (lambda t: GROUND._replace(left_ticks=8 * t, right_ticks=8 * t), wire.LAND_FAULT_WHEEL_RUNAWAY),
         (
-            lambda t: replace(GROUND, left_ticks=int(1.6 * t), right_ticks=int(1.6 * t), current_a=30.0),
+            lambda t: GROUND._replace(left_ticks=int(1.6 * t), right_ticks=int(1.6 * t), current_a=30.0),
             wire.LAND_FAULT_OVERCURRENT,
         ),
     ],
@@ -270,14 +269,14 @@ def test_wheel_faults_latch_within_a_second_until_a_disengaged_command(inputs_at
 
 
 def test_turning_wheels_are_no_fault():
-    inputs_at = lambda t: replace(GROUND, left_ticks=int(1.6 * t), right_ticks=int(1.6 * t))  # noqa: E731
+    inputs_at = lambda t: GROUND._replace(left_ticks=int(1.6 * t), right_ticks=int(1.6 * t))  # noqa: E731
     s, braked_ms = keep_commanding(driving(), inputs_at)
     assert (s.faults, braked_ms) == (0, -1)
     assert s.left_mps == pytest.approx(0.4, abs=0.01)
 
 
 def test_low_battery_is_told_and_does_not_stop():
-    s = tick(driving(), NOW + 8, replace(GROUND, battery_v=14.9))
+    s = tick(driving(), NOW + 8, GROUND._replace(battery_v=14.9))
     assert s.faults == wire.LAND_FAULT_BATTERY_LOW
     assert not s.drive.braked
 
@@ -286,8 +285,8 @@ def test_wheels_ramp_up_but_never_ramp_down_in_an_emergency():
     s = driving()
     assert 0.0 < s.drive.left_mps <= P.acceleration * 0.004 + 1e-9
     for k in range(200):
-        s = tick(replace(s, accepted_ms=NOW + 4 * k, deadline_ms=NOW + 4 * k + 200), NOW + 4 * k,
-                 replace(GROUND, left_ticks=int(1.6 * 4 * k), right_ticks=int(1.6 * 4 * k)))  # fmt: skip
+        s = tick(s._replace(accepted_ms=NOW + 4 * k, deadline_ms=NOW + 4 * k + 200), NOW + 4 * k,
+                 GROUND._replace(left_ticks=int(1.6 * 4 * k), right_ticks=int(1.6 * 4 * k)))  # fmt: skip
     assert s.drive.left_mps == pytest.approx(0.4)
     assert core.tick(core.on_estop(s), GROUND, P, NOW + 804, 0.004).drive == core.Drive()
 
@@ -307,8 +306,8 @@ def oldest_command_obeyed(seed: int) -> int:
             sequence += 1
             engaged = rng.random() < 0.8
             c = command(s, sequence, v=rng.choice((0, 300, 5000)), now_ms=now, engaged=engaged)
-            c = replace(c, v_mmps=c.v_mmps if engaged else 0, sequence=sequence - rng.choice((0, 0, 0, 2)))
-            c = replace(c, deadline_ms=now + rng.choice((200, 200, 200, 90, 240, -5, 900)))
+            c = c._replace(v_mmps=c.v_mmps if engaged else 0, sequence=sequence - rng.choice((0, 0, 0, 2)))
+            c = c._replace(deadline_ms=now + rng.choice((200, 200, 200, 90, 240, -5, 900)))
             s = say(s, c, now)
             if engaged and c.v_mmps <= 1000 and 0 < c.deadline_ms - now <= 250:
                 sent[s.session] = now
@@ -319,7 +318,7 @@ def oldest_command_obeyed(seed: int) -> int:
         elif chance < 0.1400 and s.estop:
             s, _, token = core.on_release(s, s.session, 1, 0, now)
             s, _, _ = core.on_release(s, s.session, 2, token, now)
-        inputs = replace(GROUND, wheel_load=rng.random() < 0.99, left_ticks=now, right_ticks=now)
+        inputs = GROUND._replace(wheel_load=rng.random() < 0.99, left_ticks=now, right_ticks=now)
         s = core.tick(s, inputs, P, now, 0.004)
         if not s.drive.braked:
             oldest = max(oldest, now - sent.get(s.session, -(10**9)))

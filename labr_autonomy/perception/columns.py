@@ -1,0 +1,47 @@
+"""Compiled look at the map's columns: what stands up to the robot's height, what was seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Bits = NDArray[np.bool_]
+
+_compiled: Callable[[Any], Any] = njit(cache=True, nogil=True, boundscheck=False)
+
+
+@_compiled
+def _look(log_odds: Any, low: int, high: int, solid: int, occupied: Any, known: Any) -> None:
+    nx, ny, _ = log_odds.shape
+    for i in range(nx):
+        for j in range(ny):
+            hit, free = False, 0
+            for k in range(low, high):
+                value = log_odds[i, j, k]
+                hit |= value >= solid
+                free += value < 0
+            occupied[i, j] = hit
+            known[i, j] = hit or (log_odds[i, j, low] < 0 and 2 * free > high - low)
+
+
+def columns(log_odds: NDArray[np.int8], low: int, high: int, solid: int) -> tuple[Bits, Bits]:
+    """What stands between two layers, and what is known of it.
+
+    Args:
+        log_odds: (nx, ny, nz) cells, below 0 where they were seen through.
+        low: First layer.
+        high: One beyond the last layer.
+        solid: From which log-odds on a cell is believed solid.
+
+    Returns:
+        (nx, ny) columns with a solid cell, and (nx, ny) columns that are known: those, and where the lowest
+        layer and most of the others were seen through.
+    """
+    shape = log_odds.shape[:2]
+    occupied, known = np.empty(shape, np.bool_), np.empty(shape, np.bool_)
+    _look(log_odds, low, high, solid, occupied, known)
+    return occupied, known
