@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labr_autonomy.perception.fields import Field2
-from labr_autonomy.refine.shortest import costs_from
+from labr_autonomy.refine.shortest import costs_from, cut_cost
 from labr_autonomy.types import Array
 
 GOAL_SNAP_M = 0.5  # a goal farther from free space than this has no path
@@ -133,7 +133,7 @@ def straightened(cells: NDArray[np.int64], free: NDArray[np.bool_], cost: Array)
     spent = np.concatenate([[0.0], np.cumsum(spans * 0.5 * (price[1:] + price[:-1]))])
 
     def passes(i: int, j: int) -> bool:
-        return _cut_ok(cells[i], cells[j], spent[j] - spent[i], free, cost)
+        return bool(cut_cost(cells, i, j, free, cost) <= GAIN * (spent[j] - spent[i]))
 
     return cells[farthest_cuts(len(cells), passes)]
 
@@ -157,13 +157,3 @@ def farthest_cuts(count: int, passes: Callable[[int, int], bool]) -> list[int]:
                 hop //= 2
         kept.append(j)
     return kept
-
-
-def _cut_ok(
-    a: NDArray[np.int64], b: NDArray[np.int64], budget: float, free: NDArray[np.bool_], cost: Array
-) -> bool:
-    length = math.hypot(*(b - a))
-    steps = max(2, math.ceil(2.0 * length) + 1)
-    line = a + np.linspace(0.0, 1.0, steps)[:, None] * (b - a)
-    at = tuple(np.floor(line + 0.5).astype(int).T)
-    return bool(free[at].all()) and length * float(cost[at].mean()) <= GAIN * budget

@@ -126,6 +126,33 @@ def costs_from(free: NDArray[np.bool_], price: Floats, goal: int) -> tuple[Float
     return costs, ways
 
 
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def cut_cost(cells: NDArray[np.int64], begin: int, end: int, free: NDArray[np.bool_], price: Floats) -> float:
+    """Cost of going straight from one cell of a way to a later one, inf where that is not free.
+
+    Args:
+        cells: (k, 2) the way.
+        begin: Number of the first cell.
+        end: Number of the other.
+        free: (nx, ny) cells that may be entered.
+        price: (nx, ny) as for `costs_from`.
+    """
+    x, y = cells[begin, 0], cells[begin, 1]
+    dx, dy = cells[end, 0] - x, cells[end, 1] - y
+    length = math.sqrt(dx * dx + dy * dy)
+    steps = max(2, math.ceil(2.0 * length) + 1)
+    total = 0.0
+    for k in range(steps):
+        share = k / (steps - 1)
+        i, j = math.floor(x + share * dx + 0.5), math.floor(y + share * dy + 0.5)
+        if not free[i, j]:
+            return math.inf
+        total += price[i, j]
+    return length * total / steps
+
+
 def warm_up() -> None:
-    """Compile or load the kernel, so that the first search of a flight is not late."""
-    costs_from(np.ones((3, 3), np.bool_), np.ones((3, 3)), 4)
+    """Compile or load the kernels, so that the first search of a flight is not late."""
+    free, price = np.ones((3, 3), np.bool_), np.ones((3, 3))
+    costs_from(free, price, 4)
+    cut_cost(np.zeros((2, 2), np.int64), 0, 1, free, price)
