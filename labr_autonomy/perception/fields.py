@@ -14,23 +14,11 @@ from numpy.typing import NDArray
 
 from labr_autonomy.perception.edt import distance_to
 from labr_autonomy.perception.interpolate import interpolated
+from labr_autonomy.perception.skin import skin
 from labr_autonomy.types import Array
 
 Bits = NDArray[np.bool_]
 Distances = NDArray[np.float32]
-
-
-def _surface(occupied: Bits) -> Bits:
-    """Occupied cells with a face towards a cell that is not."""
-    buried = occupied.copy()
-    for axis in range(occupied.ndim):
-        for step in (-1, 1):
-            neighbour = np.roll(occupied, step, axis)
-            edge = [slice(None)] * occupied.ndim
-            edge[axis] = slice(0, 1) if step == 1 else slice(-1, None)
-            neighbour[tuple(edge)] = True  # beyond the border counts as solid
-            buried &= neighbour
-    return occupied & ~buried
 
 
 def _signed_m(occupied: Bits, cell_m: float) -> Distances:
@@ -96,8 +84,7 @@ class _Field:
 
     def surface_points(self) -> Array:
         """Centres of the occupied cells that have a face towards a free or unknown one, (m, d) odom."""
-        index = np.argwhere(_surface(self.distance_m < 0.0))
-        out: Array = self.origin_m + (index + 0.5) * self.cell_m
+        out: Array = self.origin_m + (skin(self.distance_m) + 0.5) * self.cell_m
         return out
 
 

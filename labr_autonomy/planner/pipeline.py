@@ -14,6 +14,7 @@ from labr_autonomy.modes.decision import classify, lift_off_distance_m
 from labr_autonomy.perception.fields import Field2, Field3
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
+from labr_autonomy.planner.kept_ways import KeptWays
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
 from labr_autonomy.planner.places import AT_END_M, UNDER_GOAL_M, column_clear
 from labr_autonomy.refine import shortest
@@ -26,7 +27,6 @@ from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Pose, Source
 NETWORK_RANGE_M = 8.0  # farther goals are shown to the network at this distance, on the floor
 FAR_M = 3.0 * NETWORK_RANGE_M  # a key point farther away than this is not meant
 GOAL_JOIN_M = 0.6  # a path that ends this near the goal ends at it
-ROUTE_EVERY_S = 0.4  # the map's shortest ways are searched this often
 ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow
 PUSH_M = 0.08  # by so much the refiner pushes a path out of obstacles
 FIELD_HALF_M = (3.5, 3.5)
@@ -52,9 +52,7 @@ class Pipeline:
         self._refiner = Refiner(config)
         self._previous: Trajectory | None = None
         self._route = routes.State()
-        self._ways: CostToGo | None = None
-        self._ways_s = -math.inf
-        self._ways_goal: Array | None = None
+        self._land_ways, self._air_ways = KeptWays(), KeptWays()
         self._seen = -1
         self._drawn_s = -math.inf
 
@@ -72,9 +70,11 @@ class Pipeline:
         if request.fresh or (self._previous is not None and self._previous.mode is not request.mode):
             self._previous = None
         field = self._map.land_field(request.body_pose, request.floor_z_m)
-        self._update_ways(request, field)
-        plan = self._drive if request.mode is Mode.LAND else self._fly
-        followed, refined, routed_s, why = plan(request, network, field)
+        ways = self._ways_on_land(request, field)
+        if request.mode is Mode.LAND:
+            followed, refined, routed_s, why = self._drive(request, network, field, ways)
+        else:
+            followed, refined, routed_s, why = self._fly(request, network)
         done_s = now()
         self._previous = refined.trajectory
         return PlanResult(
@@ -87,7 +87,7 @@ class Pipeline:
             clearance_m=refined.clearance_m,
             reason="; ".join(part for part in (why, refined.reason) if part),
             lift_off_m=lift_off_distance_m(request.body_pose.position_m, network.points_m, network.air),
-            land_path_ends=self._land_path_ends(request),
+            land_path_ends=self._land_path_ends(request, ways),
             take_off_clear=self._column_clear(request, request.lift_to_m),
             landing_clear=self._column_clear(request, float(request.body_pose.position_m[2])),
             timings=Timings(
@@ -133,29 +133,39 @@ class Pipeline:
         return goal
 
     # ------------------------------------------------------------------ ways on the map
-    def _update_ways(self, request: PlanRequest, field: Field2) -> None:
-        now_s = request.start_s
+    def _ways_on_land(self, request: PlanRequest, field: Field2) -> CostToGo:
         goal = request.goal_m[:2]
-        same = self._ways_goal is not None and np.array_equal(self._ways_goal, goal)
-        if same and now_s - self._ways_s < ROUTE_EVERY_S:
-            return
-        radius_m = self._refiner.land_hard_m + ROUTE_MARGIN_M
-        self._ways = CostToGo(
-            field, goal, radius_m, reach_m=UNDER_GOAL_M if request.goal_in_air else GOAL_SNAP_M
-        )
-        self._ways_s, self._ways_goal = now_s, goal.copy()
 
-    def _land_path_ends(self, request: PlanRequest) -> bool:
+        def search() -> CostToGo:
+            radius_m = self._refiner.land_hard_m + ROUTE_MARGIN_M
+            reach_m = UNDER_GOAL_M if request.goal_in_air else GOAL_SNAP_M
+            return CostToGo(field, goal, radius_m, reach_m=reach_m)
+
+        return self._land_ways.of((float(goal[0]), float(goal[1])), request.start_s, search)
+
+    def _ways_in_air(self, request: PlanRequest, goal_m: Array) -> CostToGo:
+        """At the height of flight, as if the robot drove there."""
+        here = request.motion.position_m
+        floor_m = float(here[2]) - self._config.body.below_m - 0.1
+
+        def search() -> CostToGo:
+            layer = self._map.land_field(Pose(here, request.body_pose.quaternion), floor_m)
+            return CostToGo(layer, goal_m[:2], self._refiner.air_hard_m, reach_m=UNDER_GOAL_M)
+
+        level = round(floor_m / self._map.cell_m)
+        return self._air_ways.of((float(goal_m[0]), float(goal_m[1]), level), request.start_s, search)
+
+    def _land_path_ends(self, request: PlanRequest, ways: CostToGo) -> bool:
         """Nearer to below the goal the wheels cannot get."""
-        if self._ways is None or not request.goal_in_air:
+        if not request.goal_in_air:
             return False
-        target, here = self._ways.target_xy, request.body_pose.position_m[:2]
-        if target is None or not math.isfinite(self._ways.cost_m(here)):
+        target, here = ways.target_xy, request.body_pose.position_m[:2]
+        if target is None or not math.isfinite(ways.cost_m(here)):
             return True
         return float(np.hypot(*(target - here))) < AT_END_M
 
     def _evidence(
-        self, request: PlanRequest, network: KeyPoints, path: Array, field: Field2
+        self, request: PlanRequest, network: KeyPoints, path: Array, field: Field2, ways: CostToGo
     ) -> routes.Evidence:
         pose = request.body_pose
         here = pose.position_m[:2]
@@ -165,19 +175,18 @@ class Pipeline:
         away = request.goal_m[:2] - here
         near = float(np.hypot(*away)) < GOAL_JOIN_M
         bearing = 0.0 if near else wrap_pi(math.atan2(away[1], away[0]) - yaw_of(pose.quaternion))
-        assert self._ways is not None
         return routes.Evidence(
             mu=network.mu,
             goal_bearing_rad=bearing,
             clearance_m=float(free.min()) + PUSH_M,
             path_m=routes.length_m(dense),
-            after_path_m=self._ways.cost_m(path[-1, :2]) if len(path) else math.inf,
-            shortest_m=self._ways.cost_m(here),
+            after_path_m=ways.cost_m(path[-1, :2]) if len(path) else math.inf,
+            shortest_m=ways.cost_m(here),
         )
 
     # ------------------------------------------------------------------ second stage, on land
     def _drive(
-        self, request: PlanRequest, network: KeyPoints, field: Field2
+        self, request: PlanRequest, network: KeyPoints, field: Field2, ways: CostToGo
     ) -> tuple[KeyPoints | None, RefineResult, float, str]:
         land_part = network.points_m
         if request.goal_in_air and network.air.any():
@@ -186,11 +195,11 @@ class Pipeline:
         here = motion.position_m
         if not len(land_part):  # lift off right here
             land_part = here[None]
-        evidence = self._evidence(request, network, land_part, field)
+        evidence = self._evidence(request, network, land_part, field, ways)
         self._route, why = routes.choose(self._route, evidence, request.start_s)
         followed = KeyPoints(land_part, np.zeros(len(land_part), bool), network.mu, Source.GKPN)
-        if self._route.source is Source.SEARCH and self._ways is not None:
-            way = self._ways.path(here[:2])
+        if self._route.source is Source.SEARCH:
+            way = ways.path(here[:2])
             if way is None:
                 why = f"{why}; no way on the map"
             else:
@@ -218,7 +227,7 @@ class Pipeline:
 
     # ------------------------------------------------------------------ second stage, in the air
     def _fly(
-        self, request: PlanRequest, network: KeyPoints, field: Field2
+        self, request: PlanRequest, network: KeyPoints
     ) -> tuple[KeyPoints | None, RefineResult, float, str]:
         motion = request.motion
         here = motion.position_m
@@ -266,10 +275,7 @@ class Pipeline:
             return points, Source.GKPN, ""
         if near or free_m(goal[None]) >= 0.0:
             return goal[None], Source.DIRECT, why
-        slice_floor_m = float(here[2]) - self._config.body.below_m - 0.1
-        slice_pose = Pose(here, request.body_pose.quaternion)
-        layer = self._map.land_field(slice_pose, slice_floor_m)
-        way = CostToGo(layer, goal[:2], radius_m, reach_m=UNDER_GOAL_M).path(here[:2])
+        way = self._ways_in_air(request, goal).path(here[:2])
         if way is None:
             return here[None], Source.BRAKE, f"{why}; no way at this height"
         keys = to_key_points(way)
