@@ -11,13 +11,12 @@ import sys
 def main() -> None:
     """Compile and cache."""
     from labr_autonomy.config import RobotConfig
-    from labr_autonomy.estimation import correction, strapdown
+    from labr_autonomy.estimation import error_state
     from labr_autonomy.planner.pipeline import Pipeline
 
     sys.stdout.write("compiling the flight's kernels (once) ...\n")
     sys.stdout.flush()
-    strapdown.warm_up()
-    correction.warm_up()
+    error_state.warm_up()
     Pipeline(RobotConfig())
 
 

@@ -237,7 +237,7 @@ def correct_wheels(
         (sigma * sigma, noise.wheel_side_mps**2, noise.wheel_up_mps**2),
         (gate_speed, gate_side),
     )
-    if slip > gate_speed and side > gate_side:
+    if not slip <= gate_speed and not side <= gate_side:  # NaN counts as gated
         return s, slip, side
     return _injected(s, error, covariance), slip, side
 
@@ -254,3 +254,9 @@ def _injected(s: State, error: Array, covariance: Array) -> State:
         s.accelerometer_bias_mps2 + error[BA],
         covariance,
     )
+
+
+def warm_up() -> None:
+    """Compile or load the kernels, so that the first reading and the first pose of a flight are not late."""
+    strapdown.warm_up()
+    correction.warm_up()

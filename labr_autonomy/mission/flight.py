@@ -15,7 +15,7 @@ from labr_autonomy.clock import Clock, Ticker, utc_s
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.console.live import LiveLine, LiveState
 from labr_autonomy.errors import LabrError, LinkError
-from labr_autonomy.estimation import correction, strapdown
+from labr_autonomy.estimation import error_state
 from labr_autonomy.estimation.filter import PoseFilter
 from labr_autonomy.estimation.vio_link import VioLink, udp_address
 from labr_autonomy.estimation.vio_message import VioSample
@@ -109,8 +109,7 @@ class Flight:
             LinkError: Naming the link that does not.
         """
         self._planner.start()
-        strapdown.warm_up()
-        correction.warm_up()
+        error_state.warm_up()
         host, port = udp_address(self._config.links.vio)
         say(f"poses on {host}:{port}; land controller on {self._config.links.ground}")
         self._vio = VioLink(self._config.links.vio, self._take_vio, self._clock)
