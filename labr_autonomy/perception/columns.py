@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from labr_autonomy.perception.compiled import compiled
 
 Bits = NDArray[np.bool_]
 
-_compiled: Callable[[Any], Any] = njit(cache=True, nogil=True, boundscheck=False)
 
-
-@_compiled
+@compiled
 def _look(log_odds: Any, low: int, high: int, solid: int, occupied: Any, known: Any) -> None:
     nx, ny, _ = log_odds.shape
     for i in range(nx):

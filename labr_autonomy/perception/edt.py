@@ -7,20 +7,18 @@ all empty are passed over. Squares of distances are whole numbers, so every run 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from labr_autonomy.perception.compiled import compiled
 
 Bits = NDArray[np.bool_]
 FAR = 1e9  # squared distance where the grid has no source
 
-_compiled: Callable[[Any], Any] = njit(cache=True, nogil=True, boundscheck=False)
 
-
-@_compiled
+@compiled
 def _last_axis(source: Any, wanted: bool, d: Any) -> None:
     """Squared distances within the lines along the last axis, from `source` into `d`."""
     nx, ny, nz = source.shape
@@ -42,7 +40,7 @@ def _last_axis(source: Any, wanted: bool, d: Any) -> None:
                     d[x, y, z] = min(d[x, y, z], away * away)
 
 
-@_compiled
+@compiled
 def _envelope(f: Any, n: int, halves: Any, place: Any, height: Any, start: Any) -> int:
     """Parabolas of the lower envelope of `f[i] + (x - i)^2`; returns the last one's number."""
     k = -1
@@ -63,7 +61,7 @@ def _envelope(f: Any, n: int, halves: Any, place: Any, height: Any, start: Any) 
     return k
 
 
-@_compiled
+@compiled
 def _middle_axis(d: Any) -> None:
     """Lower envelopes along the middle axis, in place."""
     nx, ny, nz = d.shape

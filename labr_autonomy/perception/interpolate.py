@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from labr_autonomy.perception.compiled import compiled
 from labr_autonomy.types import Array
 
-_compiled: Callable[[Any], Any] = njit(cache=True, nogil=True, boundscheck=False)
 
-
-@_compiled
+@compiled
 def _along(x: float, n: int) -> tuple[int, int, float]:
     """Cells on both sides of a place along one axis, and how far it lies towards the upper one."""
     x = min(max(x, 0.0), n - 1.0) if x == x else 0.0
@@ -22,7 +19,7 @@ def _along(x: float, n: int) -> tuple[int, int, float]:
     return low, min(low + 1, n - 1), x - low
 
 
-@_compiled
+@compiled
 def _in_plane(values: Any, origin_m: Any, cell_m: float, points_m: Any, out: Any) -> None:
     nx, ny = values.shape
     for k in range(len(points_m)):
@@ -33,7 +30,7 @@ def _in_plane(values: Any, origin_m: Any, cell_m: float, points_m: Any, out: Any
         out[k] = near * (1.0 - f) + far * f
 
 
-@_compiled
+@compiled
 def _in_space(values: Any, origin_m: Any, cell_m: float, points_m: Any, out: Any) -> None:
     nx, ny, nz = values.shape
     for k in range(len(points_m)):

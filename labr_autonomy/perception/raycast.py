@@ -10,22 +10,19 @@ Marks of a frame: 0 untouched, 1 passed through, 1 + w returns worth w in this c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from labr_autonomy.perception.compiled import compiled
 from labr_autonomy.types import Array, Image
 
 Grid = NDArray[np.int8]
 Cells = NDArray[np.int32]
 
-_compiled: Callable[[Any], Any] = njit(cache=True, nogil=True, boundscheck=False)
 
-
-@_compiled
+@compiled
 def _carve(marks: Any, touched: Any, count: int, shape: Any, start: Any, end: Any) -> int:
     """Mark the cells from one point to another (cells, floats) as passed (Amanatides-Woo 1987)."""
     nx, ny, nz = shape
@@ -70,13 +67,13 @@ def _carve(marks: Any, touched: Any, count: int, shape: Any, start: Any, end: An
             index += sz
 
 
-@_compiled
+@compiled
 def _inside(cell: Any, shape: Any) -> bool:
     """Whether a place, in cells, lies in the grid."""
     return bool(0 <= cell[0] < shape[0] and 0 <= cell[1] < shape[1] and 0 <= cell[2] < shape[2])
 
 
-@_compiled
+@compiled
 def _wholly_in_view(border_x: int, border_y: int, fx: float, fy: float, cell_m: float) -> float:
     """Depth from which on all of a cell is in view, that many pixels from the image's borders [m].
 
@@ -88,7 +85,7 @@ def _wholly_in_view(border_x: int, border_y: int, fx: float, fy: float, cell_m: 
     return max(fx * cell_m / border_x, fy * cell_m / border_y)
 
 
-@_compiled
+@compiled
 def cast(
     depth: Any,
     optics: Any,
@@ -174,7 +171,7 @@ def cast(
     return count
 
 
-@_compiled
+@compiled
 def apply(log_odds: Any, marks: Any, touched: Any, count: int, miss: int, lowest: int, highest: int) -> None:
     """Move the frame's marks into the flat log-odds grid, clamped, and clear them."""
     for i in range(count):

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-_compiled: Callable[[Any], Any] = njit(cache=True, nogil=True, boundscheck=False)
+from labr_autonomy.perception.compiled import compiled
 
 
-@_compiled
+@compiled
 def _cells(distance: Any, out: Any) -> int:
     """Write the indices of the skin's cells into `out`; what lies beyond the border counts as solid."""
     nx, ny, nz = distance.shape
