@@ -34,8 +34,10 @@ def test_ctrl_c_holds_then_ends_and_a_dead_planner_is_replaced(tmp_path):
         process = start_flight(mission, tmp_path, "--robot", str(robot))
         truth.wait(lambda t: t.speed_mps() > 0.3, 90.0, "driving")
 
-        os.kill(_child(process.pid, b"spawn_main"), signal.SIGKILL)
+        planner = _child(process.pid, b"spawn_main")
+        os.kill(planner, signal.SIGSTOP)  # a new planner is there too soon for a dead one to bring it to rest
         truth.wait(lambda t: t.speed_mps(0.3) < 0.02, 10.0, "coming to rest without a planner")
+        os.kill(planner, signal.SIGKILL)
         truth.wait(lambda t: t.speed_mps() > 0.3, 30.0, "driving on with a new planner")
 
         process.send_signal(signal.SIGINT)
