@@ -40,6 +40,7 @@ class Chassis:
         self._slide_mps = 0.0  # downhill, along the slope
         self._roll_pitch = (0.0, 0.0)
         self._looked: tuple[float, float, float] | None = None  # x, y, yaw of the last look down
+        self._stood = False  # already before the last step: it feels no braking any more
         self.yaw_rad = 0.0
         self.lost_floor = False  # nothing carries the middle of the body any more
 
@@ -68,7 +69,7 @@ class Chassis:
 
     def _rest(self, position_m: Array, yaw_rad: float) -> QuadState:
         self.yaw_rad, self._slide_mps, self.lost_floor = yaw_rad, 0.0, False
-        self._looked = None
+        self._looked, self._stood = None, True
         roll, pitch = self._roll_pitch = self.plane.roll_pitch(yaw_rad)
         return QuadState(
             position_m=position_m,
@@ -105,7 +106,11 @@ class Chassis:
         if plane.rise > FRICTION or self._slide_mps > 0.0:
             v, w = 0.0, 0.0  # what grip there is goes into the slide
         elif v == 0.0 and w == 0.0 and self._suspension.settled and _at_rest(before):
-            return before
+            if self._stood:
+                return before
+            self._stood = True
+        else:
+            self._stood = False
         middle = self.yaw_rad + 0.5 * w * dt
         way = v * level * dt
         dx, dy = way * math.cos(middle), way * math.sin(middle)

@@ -38,7 +38,7 @@ STOPPED_MPS = 0.03
 STOPPED_RPS = 0.1
 SAY_AGAIN_S = 5.0  # the guard's word on the same matter
 LATE_PLAN_S = 0.3  # a plan whose beginning is longer ago than this is not followed
-FLOOR_GAIN = 0.02  # a tick; how quickly the floor's height follows the standing body
+FLOOR_GAIN = 0.2  # a tick; slower ones lag by decimetres on a ramp, quicker ones take jolts for floor
 TAKE_OFFS_MAX = 3  # refused that often, the mission has failed
 TAKEOVER_S = 1.5  # the autopilot's mode arrives with its 1 Hz heartbeat
 

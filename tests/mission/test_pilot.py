@@ -396,3 +396,24 @@ def test_two_goals_in_the_air_need_one_take_off():
     robot = Robot(replace(AIR_GOAL, policy=Policy.AIR), on, HOME).run(120)
     assert robot.pilot.steps.status is Status.DONE
     assert robot.phases.count(Phase.FLYING) == 1
+
+
+@pytest.mark.parametrize("rise", [0.12, -0.12])
+def test_the_floor_follows_a_ramp_closely(rise):
+    """The band in which the map looks for obstacles over the floor is 4 cm."""
+    robot = Robot(FLOOR_GOAL)
+    move, worst = robot._move, [0.0]
+
+    def on_a_ramp(actions):
+        move(actions)
+        robot.position[2] = CONFIG.body.below_m + rise * robot.position[0]
+
+    robot._move = on_a_ramp
+
+    def watch(r):
+        worst[0] = max(worst[0], abs(r.pilot.floor_z_m - rise * r.position[0]))
+        return False
+
+    robot.run(20, until=watch)
+    assert robot.position[0] > 1.5
+    assert worst[0] < 0.02

@@ -115,3 +115,20 @@ def test_the_estimate_keeps_to_the_ground_over_a_ramp():
     # Drift of 0.5 % of 5 m is 2.5 cm rms, in an unlucky direction three times that.
     assert worst < 0.08
     assert pitch_error < math.radians(1.0)
+
+
+@pytest.mark.parametrize("braked", [True, False])
+@pytest.mark.parametrize("speed", [0.3, 0.8])
+def test_the_imu_of_a_robot_that_has_stopped_feels_gravity_alone(speed, braked):
+    """All that it felt along the way sums to the change of speed, and nothing is left once it stands."""
+    plant, felt = plant_on(flat(), x=0.0), [0.0]
+
+    def add(p):
+        felt[0] += float(p.state.specific_force_mps2[0]) * STEP_S
+
+    drive(plant, speed, speed, 2.0, each=add)
+    assert felt[0] == pytest.approx(plant.state.velocity_mps[0], abs=1e-9)
+    drive(plant, 0.0, 0.0, 4.0, braked=braked, each=add)
+    assert plant.state.velocity_mps == pytest.approx(np.zeros(3), abs=1e-9)
+    assert felt[0] == pytest.approx(0.0, abs=1e-9)
+    assert plant.state.specific_force_mps2 == pytest.approx([0.0, 0.0, 9.80665], abs=1e-9)
