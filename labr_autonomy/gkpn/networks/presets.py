@@ -1,0 +1,68 @@
+"""Networks by name: the four rows of the paper's tables, at its size and at the ablation's, and ours.
+
+The widths at the paper's size come from a search for its Table 2; they show that its figures can be met, not
+which layers its authors chose. `iplanner` is the published network (leggedrobotics/iPlanner @ 4a8d823) with
+32 goal channels at 640x384, the only setting near both of the paper's figures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from labr_autonomy.errors import BadInput
+from labr_autonomy.gkpn.networks.config import (
+    AttentionConfig,
+    ConcatConfig,
+    NetworkConfig,
+    PerceptionConfig,
+)
+
+ROWS = ("iplanner", "lapn", "spn", "gkpn")  # the rows of the paper's Table 2, in its order
+
+_RESNET = PerceptionConfig(
+    edges=False,
+    repeated=3,
+    stem=64,
+    stages=(64, 128, 256, 512),
+    blocks=(2, 2, 2, 2),
+    strides=(1, 2, 2, 2),
+    norm=False,
+)
+_ATTENTION = AttentionConfig(embed=256, tail=224, hidden=(896, 512), fear=128)
+
+
+def _paper(perception: PerceptionConfig, planning: ConcatConfig | AttentionConfig) -> NetworkConfig:
+    return NetworkConfig(384, 640, perception, planning)
+
+
+PAPER: dict[str, NetworkConfig] = {
+    "iplanner": replace(_paper(_RESNET, ConcatConfig()), unit_m=1.0, from_line=False),
+    "lapn": _paper(replace(_RESNET, stages=(64, 128, 256, 384)), _ATTENTION),
+    "spn": _paper(replace(_RESNET, edges=True, stem=48), ConcatConfig()),
+    "gkpn": _paper(replace(_RESNET, edges=True, stem=48, stages=(64, 128, 256, 448)), _ATTENTION),
+}
+
+_SMALL = PerceptionConfig(edges=False, stem=32)
+_SMALL_CONCAT = ConcatConfig(goal=16, tail=(96, 64), hidden=(256, 128), fear=64)
+
+# The same four at 160x90, each side of the comparison as wide as the other: Table 1 in hours, not in weeks.
+ABLATION: dict[str, NetworkConfig] = {
+    "iplanner-160": NetworkConfig(perception=_SMALL, planning=_SMALL_CONCAT),
+    "lapn-160": NetworkConfig(perception=_SMALL),
+    "spn-160": NetworkConfig(planning=_SMALL_CONCAT),
+    "gkpn-160": NetworkConfig(),
+}
+
+NETWORKS: dict[str, NetworkConfig] = {**PAPER, **ABLATION}
+
+
+def find_network(name: str) -> NetworkConfig:
+    """The network of a name.
+
+    Raises:
+        BadInput: for a name that is not known.
+    """
+    try:
+        return NETWORKS[name]
+    except KeyError:
+        raise BadInput(f"there is no network '{name}'", f"Choose one of {', '.join(NETWORKS)}.") from None
