@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labr_autonomy.commands.checks import camera, crosscheck
+from labr_autonomy.commands.networks import table2
 from labr_autonomy.errors import BadInput
 
 if TYPE_CHECKING:
@@ -157,6 +158,7 @@ def table3(trials: int, method: str, **common: Any) -> None:
 
 bench.add_command(crosscheck)
 bench.add_command(camera)
+bench.add_command(table2)
 
 
 def find_places(

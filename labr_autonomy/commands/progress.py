@@ -54,6 +54,32 @@ def _bar() -> Iterator[Callable[[Progress], None]]:
         yield update
 
 
+@contextlib.contextmanager
+def show_steps(total: int, what: str, *, quiet: bool = False) -> Iterator[Callable[[], None]]:
+    """Yields what is to be called after each of `total` steps of one kind; everything goes to stderr."""
+    if quiet or not total:
+        yield lambda: None
+    elif sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import Progress as Bar
+
+        with Bar(console=Console(stderr=True)) as bar:
+            task = bar.add_task(what, total=total)
+            yield lambda: bar.advance(task)
+    else:
+        clock, done = SystemClock(), 0
+        due_s = clock.now_s()
+
+        def step() -> None:
+            nonlocal done, due_s
+            done += 1
+            if clock.now_s() >= due_s or done == total:
+                due_s = clock.now_s() + EVERY_S
+                click.echo(f"{what}: {done}/{total}", err=True)
+
+        yield step
+
+
 class _Lines:
     """One line every EVERY_S, and one at the end."""
 

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import io
-import warnings
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import safetensors.torch
 import torch
-from torch import nn
 
 from labr_autonomy.gkpn.dataset import Views
 from labr_autonomy.gkpn.evaluate import evaluate, network_planner, straight_line
 from labr_autonomy.gkpn.losses import LossConfig
 from labr_autonomy.gkpn.network import HEIGHT, WIDTH, Gkpn, NetworkConfig
+from labr_autonomy.gkpn.onnx_file import OPSET, onnx_bytes
 from labr_autonomy.gkpn.package import ONNX_NAME, TENSORS_NAME, read_manifest, read_verified, write_manifest
-
-OPSET = 17
 
 
 def export(net: Gkpn, folder: Path, validation: Views, loss: LossConfig, facts: dict[str, Any]) -> None:
@@ -35,7 +31,7 @@ def export(net: Gkpn, folder: Path, validation: Views, loss: LossConfig, facts: 
     net = net.to(memory_format=torch.contiguous_format).eval()
     tensors = {name: value.contiguous() for name, value in net.state_dict().items()}
     (folder / TENSORS_NAME).write_bytes(safetensors.torch.save(tensors))
-    (folder / ONNX_NAME).write_bytes(onnx_bytes(net))
+    (folder / ONNX_NAME).write_bytes(onnx_bytes(net, height=HEIGHT, width=WIDTH))
     write_manifest(
         folder,
         {
@@ -50,36 +46,6 @@ def export(net: Gkpn, folder: Path, validation: Views, loss: LossConfig, facts: 
             },
         },
     )
-
-
-def onnx_bytes(
-    net: nn.Module, height: int = HEIGHT, width: int = WIDTH, *, keep_names: bool = False
-) -> bytes:
-    """The network as one ONNX file for a batch of one.
-
-    Args:
-        net: With the call (depth (1, 1, height, width), goal (1, 3)) -> (key points, mu).
-        height: Of the image [px].
-        width: Of the image [px].
-        keep_names: Leave every tensor as it is under its own name, instead of folding the batch norms away.
-    """
-    example = (torch.ones(1, 1, height, width), torch.tensor([[2.0, 0.5, 0.0]]))
-    mode = torch.onnx.TrainingMode.PRESERVE if keep_names else torch.onnx.TrainingMode.EVAL
-    buffer = io.BytesIO()
-    with warnings.catch_warnings():  # the TorchScript exporter is kept on purpose: it needs no onnxscript
-        warnings.simplefilter("ignore")
-        torch.onnx.export(
-            net.eval(),
-            example,
-            buffer,
-            input_names=["depth", "goal"],
-            output_names=["points", "mu"],
-            opset_version=OPSET,
-            training=mode,
-            do_constant_folding=not keep_names,
-            dynamo=False,
-        )
-    return buffer.getvalue()
 
 
 def load_network(folder: Path) -> Gkpn:

@@ -20,3 +20,11 @@ TABLE_3: dict[tuple[str, str], dict[str, Any]] = {
     ("air", "mapping"): {"land_m": 3.2, "air_m": 5.8, "time_s": 22.5, "energy_j": 17225.8},
     ("air", "two-stage"): {"land_m": 7.2, "air_m": 1.4, "time_s": 28.7, "energy_j": 11010.7},
 }
+
+# Table II, size and work of the networks by the rows' names here; its latencies are of another machine.
+TABLE_2: dict[str, dict[str, float]] = {
+    "iplanner": {"params_m": 54.3, "flops_g": 20.64},
+    "lapn": {"params_m": 45.6, "flops_g": 16.75},
+    "spn": {"params_m": 53.2, "flops_g": 21.12},
+    "gkpn": {"params_m": 47.7, "flops_g": 17.8},
+}

@@ -16,9 +16,10 @@ pytest.importorskip(
 )
 from labr_autonomy.gkpn import dataset, train  # noqa: E402
 from labr_autonomy.gkpn.evaluate import auc, evaluate, straight_line  # noqa: E402
-from labr_autonomy.gkpn.export import load_network, onnx_bytes  # noqa: E402
+from labr_autonomy.gkpn.export import load_network  # noqa: E402
 from labr_autonomy.gkpn.losses import LossConfig, losses  # noqa: E402
-from labr_autonomy.gkpn.network import Gkpn, NetworkConfig  # noqa: E402
+from labr_autonomy.gkpn.network import HEIGHT, WIDTH, Gkpn, NetworkConfig  # noqa: E402
+from labr_autonomy.gkpn.onnx_file import onnx_bytes  # noqa: E402
 
 torch.set_num_threads(1)  # small tensors: a second thread only waits
 NETWORK_CAMERA = Intrinsics(160, 90, 80.0, 79.5, 80.0, 45.0)
@@ -67,7 +68,7 @@ def test_onnx_file_equals_the_torch_network():
 def test_a_freshly_exported_network_is_one_file_with_the_named_inputs():
     import onnx
 
-    model = onnx.load_from_string(onnx_bytes(Gkpn(TINY)))
+    model = onnx.load_from_string(onnx_bytes(Gkpn(TINY), height=HEIGHT, width=WIDTH))
     onnx.checker.check_model(model)
     assert [i.name for i in model.graph.input] == ["depth", "goal"]
     assert [o.name for o in model.graph.output] == ["points", "mu"]

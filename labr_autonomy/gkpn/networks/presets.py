@@ -38,8 +38,8 @@ def _paper(perception: PerceptionConfig, planning: ConcatConfig | AttentionConfi
 PAPER: dict[str, NetworkConfig] = {
     "iplanner": replace(_paper(_RESNET, ConcatConfig()), unit_m=1.0, from_line=False),
     "lapn": _paper(replace(_RESNET, stages=(64, 128, 256, 384)), _ATTENTION),
-    "spn": _paper(replace(_RESNET, edges=True, stem=48), ConcatConfig()),
-    "gkpn": _paper(replace(_RESNET, edges=True, stem=48, stages=(64, 128, 256, 448)), _ATTENTION),
+    "spn": _paper(replace(_RESNET, edges=True, repeated=1, stem=48), ConcatConfig()),
+    "gkpn": _paper(replace(_RESNET, edges=True, repeated=1, stem=48, stages=(64, 128, 256, 448)), _ATTENTION),
 }
 
 _SMALL = PerceptionConfig(edges=False, stem=32)

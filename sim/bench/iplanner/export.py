@@ -17,9 +17,9 @@ from onnx import numpy_helper
 
 from labr_autonomy.gkpn.dataset import Views
 from labr_autonomy.gkpn.evaluate import evaluate, network_planner, straight_line
-from labr_autonomy.gkpn.export import OPSET, onnx_bytes
 from labr_autonomy.gkpn.iplanner import IPlanner, IPlannerConfig
 from labr_autonomy.gkpn.losses import LossConfig
+from labr_autonomy.gkpn.onnx_file import OPSET, onnx_bytes
 from labr_autonomy.gkpn.package import read_manifest, read_verified, write_manifest
 from sim.bench.iplanner.weights import ONNX_NAME, REMEDY
 
@@ -40,7 +40,7 @@ def export(net: IPlanner, folder: Path, validation: Views, facts: dict[str, Any]
     net = rounded(net).to(memory_format=torch.contiguous_format).eval()
     config, judge = net.config, LossConfig()
     (folder / ONNX_NAME).write_bytes(
-        stored_half(onnx_bytes(net, config.height, config.width, keep_names=True))
+        stored_half(onnx_bytes(net, height=config.height, width=config.width, keep_names=True))
     )
     write_manifest(
         folder,
