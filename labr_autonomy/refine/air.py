@@ -16,7 +16,7 @@ import numpy as np
 from labr_autonomy.config import AirLimits
 from labr_autonomy.frames import wrap_pi
 from labr_autonomy.refine import profile
-from labr_autonomy.refine.problem import TIGHT, TOLERANCE, Bounds, Problem, Spec
+from labr_autonomy.refine.problem import TIGHT, TOLERANCE, Bounds, Spec, problem_of
 from labr_autonomy.refine.values import STEP_S, STEPS, AirState, grid_s
 from labr_autonomy.types import Array, Mode, Source, Trajectory
 
@@ -81,7 +81,7 @@ class AirModel:
     """Limits, simulation and seeds of the flying problem."""
 
     def __init__(self) -> None:
-        self.problem = Problem(SPEC)
+        self.problem = problem_of(SPEC)
         h, n = STEP_S, STEPS
         after = h * (n - 1 - np.arange(n))  # time left after each interval
         effect = np.stack([h**2 / 2 + h * after, np.full(n, h)])  # of each jerk on (v, a) at the end

@@ -11,7 +11,7 @@ import numpy as np
 from labr_autonomy.config import LandLimits
 from labr_autonomy.frames import wrap_pi
 from labr_autonomy.refine import profile
-from labr_autonomy.refine.problem import TIGHT, Bounds, Problem, Spec
+from labr_autonomy.refine.problem import TIGHT, Bounds, Spec, problem_of
 from labr_autonomy.refine.values import STEP_S, STEPS, LandState, grid_s
 from labr_autonomy.types import Array, Mode, Source, Trajectory
 
@@ -53,7 +53,7 @@ class LandModel:
 
     def __init__(self, limits: LandLimits) -> None:
         self.limits = limits
-        self.problem = Problem(SPEC)
+        self.problem = problem_of(SPEC)
 
     def bounds(self, x0: Array) -> Bounds:
         """Bounds of variables and rows; a start beyond a limit is let down to it."""

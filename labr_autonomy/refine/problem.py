@@ -7,6 +7,7 @@ plan is also a way to stop.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -53,6 +54,12 @@ class Spec:
     cost: Callable[[Any, Any, Any], Any]  # (x, u or None at the end, reference point) -> scalar
     rest: Callable[[Any], Any]  # x -> what must vanish at the end
     rows: Callable[[Any], Any] | None = None  # x -> further linear rows with bounds
+
+
+@functools.cache
+def problem_of(spec: Spec) -> Problem:
+    """The problem of a description, built once for all planners of a process: it holds no state."""
+    return Problem(spec)
 
 
 class Problem:

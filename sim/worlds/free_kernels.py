@@ -243,46 +243,42 @@ def follow_floor(
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def band_cells(
-    triangles: Any,
-    boxes: Floats,
-    starts: Ints,
-    members: Ints,
-    shape: tuple[int, int],
-    corner: Floats,
-    column: float,
-    origin: Floats,
-    cell: float,
-    floors: Floats,
-    above: float,
-    top: float,
-    out: Bits,
+    triangles: Any, origin: Floats, cell: float, floors: Floats, above: float, top: float, out: Bits
 ) -> None:
     """Mark cells (nx, ny) that a triangle crosses between `above` and `top` over the cell's own floor."""
     nx, ny = out.shape
     one, two, triangle = np.empty((6, 3)), np.empty((6, 3)), np.empty((3, 3))
-    near = 0.5 * cell * (1.0 + 1e-6)  # a sheet between two cells marks both, a corner's sliver none
-    for i in range(nx):
-        x = origin[0] + (i + 0.5) * cell
-        ci = math.floor((x - corner[0]) / column)
-        for j in range(ny):
-            y = origin[1] + (j + 0.5) * cell
-            cj = math.floor((y - corner[1]) / column)
-            low, high = floors[i, j] + above, floors[i, j] + top
-            for a in range(max(ci - 1, 0), min(ci + 1, shape[0] - 1) + 1):
-                for b in range(max(cj - 1, 0), min(cj + 1, shape[1] - 1) + 1):
-                    for k in range(starts[a * shape[1] + b], starts[a * shape[1] + b + 1]):
-                        t = members[k]
-                        if out[i, j] or boxes[t, 5] <= low or boxes[t, 2] >= high:
-                            continue
-                        if boxes[t, 0] > x + 0.5 * cell or boxes[t, 3] < x - 0.5 * cell:
-                            continue
-                        if boxes[t, 1] > y + 0.5 * cell or boxes[t, 4] < y - 0.5 * cell:
-                            continue
-                        copied(triangles[t], triangle)
-                        count = _clip(triangle, 3, low, 1.0, one)
-                        inside = _clip(one, count, high, -1.0, two)
-                        if inside > 0 and _flat_distance(two, inside, x, y) <= near:
-                            out[i, j] = True
+    half = 0.5 * cell
+    near = half * (1.0 + 1e-6)  # a sheet between two cells marks both, a corner's sliver none
+    lowest, highest = floors.min() + above, floors.max() + top
+    for t in range(len(triangles)):
+        ax, ay, az = float(triangles[t, 0, 0]), float(triangles[t, 0, 1]), float(triangles[t, 0, 2])
+        bx, by, bz = float(triangles[t, 1, 0]), float(triangles[t, 1, 1]), float(triangles[t, 1, 2])
+        cx, cy, cz = float(triangles[t, 2, 0]), float(triangles[t, 2, 1]), float(triangles[t, 2, 2])
+        bottom, peak = min(az, bz, cz), max(az, bz, cz)
+        if peak <= lowest or bottom >= highest:
+            continue
+        west, east, south, north = min(ax, bx, cx), max(ax, bx, cx), min(ay, by, cy), max(ay, by, cy)
+        i0 = max(math.floor((west - origin[0]) / cell) - 1, 0)
+        i1 = min(math.floor((east - origin[0]) / cell) + 1, nx - 1)
+        j0 = max(math.floor((south - origin[1]) / cell) - 1, 0)
+        j1 = min(math.floor((north - origin[1]) / cell) + 1, ny - 1)
+        copied(triangles[t], triangle)
+        for i in range(i0, i1 + 1):
+            x = origin[0] + (i + 0.5) * cell
+            if west > x + half or east < x - half:
+                continue
+            for j in range(j0, j1 + 1):
+                y = origin[1] + (j + 0.5) * cell
+                if out[i, j] or south > y + half or north < y - half:
+                    continue
+                low, high = floors[i, j] + above, floors[i, j] + top
+                if peak <= low or bottom >= high:
+                    continue
+                count = _clip(triangle, 3, low, 1.0, one)
+                inside = _clip(one, count, high, -1.0, two)
+                if inside > 0 and _flat_distance(two, inside, x, y) <= near:
+                    out[i, j] = True
 
 
 RING = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]

@@ -112,10 +112,12 @@ class FreeSpace:
         nx, ny = (int(2 * k) for k in n)
         origin = np.floor(np.asarray(position_m[:2], dtype=float) / cell_m) * cell_m - n * cell_m
         floor = float(position_m[2]) - body.below_m
-        floors = self._floors_around(origin, cell_m, nx, ny, floor, float(half_m[0]))
+        corner = origin + np.array([nx, ny]) * cell_m
+        triangles = self.surface.near(origin - SUPPORT_M, corner + SUPPORT_M)
+        floors = _floors_around(triangles, origin, cell_m, nx, ny, floor, float(half_m[0]))
         solid = np.isnan(floors)
         kernels.band_cells(
-            *self.surface.index,
+            triangles,
             origin,
             cell_m,
             np.where(solid, floor, floors),
@@ -129,17 +131,22 @@ class FreeSpace:
             solid = reached != here
         return Field2.from_occupied(solid, np.ones((nx, ny), np.bool_), origin, cell_m)
 
-    def _floors_around(
-        self, origin_m: Array, cell_m: float, nx: int, ny: int, floor_m: float, reach_m: float
-    ) -> Array:
-        """Height of the floor in each cell that can be followed from the middle, NaN elsewhere, (nx, ny)."""
-        rise = SLOPE_MAX * reach_m * math.sqrt(2.0) + FLOOR_BAND_M
-        corner = origin_m + np.array([nx, ny]) * cell_m
-        mid = self.surface.near(origin_m - SUPPORT_M, corner + SUPPORT_M)
-        column, z = kernels.column_hits(
-            mid, origin_m, cell_m, nx, ny, floor_m - rise - FLOOR_BAND_M, floor_m + rise
-        )
-        order = np.lexsort((z, column))
-        column, z = column[order], z[order]
-        starts = np.searchsorted(column, np.arange(nx * ny + 1)).astype(np.int32)
-        return np.asarray(kernels.follow_floor(starts, z, nx, ny, cell_m, floor_m, FLOOR_BAND_M, SLOPE_MAX))
+
+def _floors_around(
+    triangles_m: NDArray[np.float32],
+    origin_m: Array,
+    cell_m: float,
+    nx: int,
+    ny: int,
+    floor_m: float,
+    reach_m: float,
+) -> Array:
+    """Height of the floor in each cell that can be followed from the middle, NaN elsewhere, (nx, ny)."""
+    rise = SLOPE_MAX * reach_m * math.sqrt(2.0) + FLOOR_BAND_M
+    column, z = kernels.column_hits(
+        triangles_m, origin_m, cell_m, nx, ny, floor_m - rise - FLOOR_BAND_M, floor_m + rise
+    )
+    order = np.lexsort((z, column))
+    column, z = column[order], z[order]
+    starts = np.searchsorted(column, np.arange(nx * ny + 1)).astype(np.int32)
+    return np.asarray(kernels.follow_floor(starts, z, nx, ny, cell_m, floor_m, FLOOR_BAND_M, SLOPE_MAX))
