@@ -12,7 +12,10 @@ import click
 
 from labr_autonomy.errors import ExitCode
 
-_json = click.option("--json", "as_json", is_flag=True, help="JSON on stdout, for machines.")
+out_option = click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", help="Run folder."
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="JSON on stdout, for machines.")
 
 
 @click.command()
@@ -25,8 +28,8 @@ _json = click.option("--json", "as_json", is_flag=True, help="JSON on stdout, fo
     help="In all; those not reached in lock-step are passed over.",
 )
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="Of the first trial.")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", help="Run folder.")
-@_json
+@out_option
+@json_option
 def crosscheck(family: str, trials: int, seed: int, out: Path | None, as_json: bool) -> None:
     """Fly trials in lock-step and over the real links, and compare.
 
@@ -78,7 +81,7 @@ def crosscheck(family: str, trials: int, seed: int, out: Path | None, as_json: b
 @click.command()
 @click.option("--frames", type=click.IntRange(10, 10_000), default=120, help="Pictures in each world.")
 @click.option("--renderer", type=click.Choice(["auto", "gl", "rays"]), default="auto")
-@_json
+@json_option
 def camera(frames: int, renderer: str, as_json: bool) -> None:
     """How quickly the depth camera takes its pictures, flaws included, in a world of each kind."""
     from labr_autonomy.commands.bench import find_places

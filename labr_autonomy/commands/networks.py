@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from labr_autonomy.commands.checks import json_option, out_option
 from labr_autonomy.errors import BadInput
 
 
@@ -29,8 +30,8 @@ def need_training() -> None:
     metavar="R",
     help="Turns of each network on the processor, 10 plans each; 0 for sizes alone.",
 )
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", help="Run folder.")
-@click.option("--json", "as_json", is_flag=True, help="JSON on stdout, for machines.")
+@out_option
+@json_option
 def table2(rounds: int, out: Path | None, as_json: bool) -> None:
     """The paper's networks and ours: parameters, FLOPs and latency, beside the paper's figures.
 

@@ -18,6 +18,14 @@ from labr_autonomy.types import Array, Image, Intrinsics
 GOAL_RANGE_M = 9.0  # farthest goal of the training data; farther ones are drawn in to it
 
 
+def session(model: bytes, threads: int = 1) -> onnxruntime.InferenceSession:
+    """A network's ONNX file ready to run on the processor."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.log_severity_level = 3
+    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+
+
 class PlanningOnnx:
     """A trained network with inputs `depth`, `goal` and outputs `points`, `mu`.
 
@@ -30,11 +38,7 @@ class PlanningOnnx:
 
     def __init__(self, folder: Path, name: str, remedy: str = REMEDY) -> None:
         self.manifest: dict[str, Any] = read_manifest(folder, remedy)
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 3
-        model = read_verified(folder, name, remedy)
-        self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        self._session = session(read_verified(folder, name, remedy))
         self._height, self._width = (int(n) for n in self._session.get_inputs()[0].shape[2:])
         self._clock = SystemClock()
         camera = Intrinsics(16, 9, 8.0, 8.0, 8.0, 4.5)

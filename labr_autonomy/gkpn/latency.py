@@ -9,19 +9,12 @@ import numpy as np
 import onnxruntime
 
 from labr_autonomy.clock import SystemClock
+from labr_autonomy.gkpn.infer import session
 from labr_autonomy.types import Array
 
 WARM_RUNS = 3  # of each network before its first round
 RUNS = 10  # of each network in a round
 SKIPPED = 2  # first runs of a turn, in which the caches still hold another network
-
-
-def session(model: bytes, threads: int) -> onnxruntime.InferenceSession:
-    """A network ready to run on the processor."""
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
-    options.log_severity_level = 3
-    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
 def latencies_ms(

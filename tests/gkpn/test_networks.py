@@ -12,7 +12,7 @@ from click.testing import CliRunner
 torch = pytest.importorskip("torch", reason="training needs the train extra (torch)")
 pytest.importorskip("onnx", reason="exporting needs the train extra (onnx)")
 from labr_autonomy import cli  # noqa: E402
-from labr_autonomy.gkpn.latency import session  # noqa: E402
+from labr_autonomy.gkpn.infer import session  # noqa: E402
 from labr_autonomy.gkpn.local_map import CHANNELS, SIDE  # noqa: E402
 from labr_autonomy.gkpn.networks.config import (  # noqa: E402
     AttentionConfig,

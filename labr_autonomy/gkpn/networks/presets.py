@@ -17,8 +17,6 @@ from labr_autonomy.gkpn.networks.config import (
     PerceptionConfig,
 )
 
-ROWS = ("iplanner", "lapn", "spn", "gkpn")  # the rows of the paper's Table 2, in its order
-
 _RESNET = PerceptionConfig(
     edges=False,
     repeated=3,
