@@ -40,6 +40,12 @@ def table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in (head, rule, *lines)) + "\n"
 
 
+def versions_part(results: Mapping[str, Any]) -> str:
+    """The last part of a page: what it was made with."""
+    found = ", ".join(f"{name} {version}" for name, version in sorted(results["versions"].items()))
+    return f"## Versions\n\n{found}\n"
+
+
 def navigation_page(results: Mapping[str, Any]) -> str:
     """The whole file.
 
@@ -55,8 +61,7 @@ def navigation_page(results: Mapping[str, Any]) -> str:
     parts += _beside_the_paper(rows)
     parts += _left_out(results)
     parts += _replays(rows)
-    found = ", ".join(f"{name} {version}" for name, version in sorted(results["versions"].items()))
-    parts.append(f"## Versions\n\n{found}\n")
+    parts.append(versions_part(results))
     return "\n".join(parts)
 
 

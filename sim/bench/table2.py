@@ -16,7 +16,7 @@ from labr_autonomy.gkpn.networks.planner import build
 from labr_autonomy.gkpn.networks.presets import PAPER
 from labr_autonomy.gkpn.onnx_file import onnx_bytes
 from labr_autonomy.gkpn.package import ONNX_NAME, packaged_dir, read_verified
-from sim.bench.page import NOTHING, number, table
+from sim.bench.page import number, table, versions_part
 from sim.bench.paper import TABLE_2
 
 SHIPPED = "shipped"  # the network that comes with the package
@@ -86,6 +86,5 @@ def table2_page(results: Mapping[str, Any]) -> str:
         "sixteenth of the pixels is part of its speed. Latencies are of ONNX Runtime in single precision, "
         "the networks taking turns in one process.\n"
     )
-    found = ", ".join(f"{name} {version}" for name, version in sorted(results["versions"].items()))
-    parts.append(f"## Versions\n\n{found or NOTHING}\n")
+    parts.append(versions_part(results))
     return "\n".join(parts)

@@ -8,7 +8,7 @@ from typing import Any
 
 from labr_autonomy.config import RobotConfig
 from sim.bench.methods import METHODS
-from sim.bench.page import NOTHING, number, table, with_interval
+from sim.bench.page import NOTHING, number, table, versions_part, with_interval
 from sim.bench.paper import TABLE_3
 from sim.bench.scenes import SCENES, scene_task
 from sim.bench.settings import Place, Settings
@@ -73,8 +73,7 @@ def table3_page(results: Mapping[str, Any]) -> str:
         parts.append("## Flights in which the program failed\n")
         parts += [f"- {e['family']} seed {e['seed']}, {e['method']}: {e['error']}" for e in results["errors"]]
         parts.append("")
-    found = ", ".join(f"{name} {version}" for name, version in sorted(results["versions"].items()))
-    parts.append(f"## Versions\n\n{found}\n")
+    parts.append(versions_part(results))
     return "\n".join(parts)
 
 
