@@ -67,15 +67,12 @@ def show_steps(total: int, what: str, *, quiet: bool = False) -> Iterator[Callab
             task = bar.add_task(what, total=total)
             yield lambda: bar.advance(task)
     else:
-        clock, done = SystemClock(), 0
-        due_s = clock.now_s()
+        lines, done = _Lines(), 0
 
         def step() -> None:
-            nonlocal done, due_s
+            nonlocal done
             done += 1
-            if clock.now_s() >= due_s or done == total:
-                due_s = clock.now_s() + EVERY_S
-                click.echo(f"{what}: {done}/{total}", err=True)
+            lines.say(done, total, f"{what}: {done}/{total}")
 
         yield step
 
@@ -88,11 +85,15 @@ class _Lines:
         self._due_s = self._clock.now_s()
 
     def __call__(self, state: Progress) -> None:
-        """Say it when it is time."""
+        """Say how far a benchmark is, when it is time."""
+        self.say(state.done, state.total, f"{state.done}/{state.total} flights, {words(state)}")
+
+    def say(self, done: int, total: int, line: str) -> None:
+        """Say a line when it is time."""
         now_s = self._clock.now_s()
-        if now_s >= self._due_s or state.done == state.total:
+        if now_s >= self._due_s or done == total:
             self._due_s = now_s + EVERY_S
-            click.echo(f"{state.done}/{state.total} flights, {words(state)}", err=True)
+            click.echo(line, err=True)
 
 
 def words(state: Progress) -> str:
