@@ -266,11 +266,11 @@ def band_cells(
         copied(triangles[t], triangle)
         for i in range(i0, i1 + 1):
             x = origin[0] + (i + 0.5) * cell
-            if west > x + half or east < x - half:
+            if west > x + near or east < x - near:
                 continue
             for j in range(j0, j1 + 1):
                 y = origin[1] + (j + 0.5) * cell
-                if out[i, j] or south > y + half or north < y - half:
+                if out[i, j] or south > y + near or north < y - near:
                     continue
                 low, high = floors[i, j] + above, floors[i, j] + top
                 if peak <= low or bottom >= high:

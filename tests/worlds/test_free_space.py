@@ -183,6 +183,15 @@ def test_the_driving_field_tells_the_walls_and_a_drop(rooms):
     assert float(deck.lookup(np.array([[13.0, 1.5]]))[0]) < 0.0
 
 
+def test_a_wall_on_the_border_of_two_cells_is_in_one_of_them_at_least():
+    free = free_space(world_of([wall(-1.0, -0.5, 1.0, 0.5)]))
+    edge = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -0.5], [0.0, 0.5]])
+    for x in np.arange(-4.475, -1.5, 0.05):  # rounding differs from origin to origin
+        field = free.land_field(standing_at(x, 1.125), (6.0, 4.0))
+        assert field.lookup(edge).max() <= 0.001
+        assert field.lookup(np.zeros((1, 2)))[0] < -0.4  # closed all round: nobody gets in
+
+
 def test_the_flying_field_is_the_distance_to_the_surface(rooms):
     blocks, free = rooms
     field = free.air_field(np.array([-2.0, 0.0, 1.0]))
