@@ -107,6 +107,12 @@ class FreeSpace:
         A cell hinders when a surface crosses it between what the wheels climb and the body's top above the
         floor *there*, or when the floor does not go on: floors are followed up and down slopes.
         """
+        return self.land_and_floors(position_m, half_m, cell_m)[0]
+
+    def land_and_floors(
+        self, position_m: Array, half_m: tuple[float, float] = (3.5, 3.5), cell_m: float = LOCAL_CELL_M
+    ) -> tuple[Field2, Array]:
+        """`land_field`, and the height in odom of the floor that was followed, (nx, ny); NaN without one."""
         body = self.config.body
         n = np.ceil(np.array(half_m) / cell_m).astype(int)
         nx, ny = (int(2 * k) for k in n)
@@ -129,7 +135,7 @@ class FreeSpace:
         here = int(reached[nx // 2, ny // 2])
         if here:  # what cannot be driven to is as good as solid: the inside of things, most of all
             solid = reached != here
-        return Field2.from_occupied(solid, np.ones((nx, ny), np.bool_), origin, cell_m)
+        return Field2.from_occupied(solid, np.ones((nx, ny), np.bool_), origin, cell_m), floors
 
 
 def _floors_around(
