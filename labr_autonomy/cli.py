@@ -19,6 +19,7 @@ import click
 
 from labr_autonomy import __version__
 from labr_autonomy.commands.bench import bench, difficulty_option
+from labr_autonomy.commands.dataset import dataset
 from labr_autonomy.errors import BadInput, ExitCode, LabrError
 
 if TYPE_CHECKING:
@@ -280,7 +281,7 @@ def _passed_on(name: str, module: str, text: str, needs: str = "") -> None:
             sys.argv = kept
 
 
-_passed_on("dataset", "sim.dataset", "Render a training set for GKPN (arguments: --help).")
+main.add_command(dataset)
 _passed_on("train", "labr_autonomy.gkpn.train", "Train GKPN; needs torch (arguments: --help).", needs="torch")
 
 

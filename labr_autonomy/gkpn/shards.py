@@ -86,7 +86,7 @@ def read_shard(path: Path) -> Shard:
         BadInput: when it is missing, damaged, of another format, or its arrays do not fit together.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             values: dict[str, Any] = {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise BadInput(f"there is no shard {path}", "Make it with: labr-mission dataset FOLDER") from None

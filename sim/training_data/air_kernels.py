@@ -50,6 +50,20 @@ def near_distances(triangles: Any, origin: Any, cell: float, band: float, out: A
 
 
 @compiled
+def _joined(free: Any, distance: Any, cell: float, i: int, j: int, k: int) -> bool:
+    """Whether one of the 26 voxels around is free and in plain sight."""
+    nx, ny, nz = free.shape
+    for a in range(max(i - 1, 0), min(i + 2, nx)):
+        for b in range(max(j - 1, 0), min(j + 2, ny)):
+            for c in range(max(k - 1, 0), min(k + 2, nz)):
+                if free[a, b, c]:
+                    step = cell * math.sqrt((a - i) ** 2 + (b - j) ** 2 + (c - k) ** 2)
+                    if distance[i, j, k] + distance[a, b, c] > step * (1.0 + 1e-5):
+                        return True
+    return False
+
+
+@compiled
 def spread(free: Any, distance: Any, cell: float) -> Any:
     """Free voxels and those beside them, (nx, ny, nz), where no surface can lie between the two centres.
 
@@ -58,19 +72,9 @@ def spread(free: Any, distance: Any, cell: float) -> Any:
     """
     nx, ny, nz = free.shape
     out = free.copy()
-    least = cell * (1.0 + 1e-5)
     for i in range(nx):
         for j in range(ny):
             for k in range(nz):
-                if free[i, j, k]:
-                    continue
-                for d in range(6):
-                    a = i + (1 if d == 0 else -1 if d == 1 else 0)
-                    b = j + (1 if d == 2 else -1 if d == 3 else 0)
-                    c = k + (1 if d == 4 else -1 if d == 5 else 0)
-                    if a < 0 or b < 0 or c < 0 or a >= nx or b >= ny or c >= nz or not free[a, b, c]:
-                        continue
-                    if distance[i, j, k] + distance[a, b, c] > least:
-                        out[i, j, k] = True
-                        break
+                if not free[i, j, k]:
+                    out[i, j, k] = _joined(free, distance, cell, i, j, k)
     return out

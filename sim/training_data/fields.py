@@ -51,7 +51,7 @@ def land_truth(known: Known, xy_m: Array, floor_z_m: float, place_m: Array) -> L
     extra = int(np.abs(middle - start).max())
     half = LAND_SIDE // 2 + extra
     begin = np.array([*((start + 0.25) * LAND_CELL_M), place_m[2]])  # well inside a fine cell
-    half_m = half * LAND_CELL_M
+    half_m = (half - 0.1) * LAND_CELL_M  # it is rounded up to whole fine cells
     field, floors_m = known.free.land_and_floors(begin, (half_m, half_m), fine_m)
     low = (middle - start + extra) * FINE
     window = tuple(slice(int(a), int(a) + LAND_SIDE * FINE) for a in low)
@@ -100,7 +100,8 @@ def _reached(known: Known, distance_m: NDArray[np.float32]) -> NDArray[np.bool_]
     """Voxels that are joined to where the robot can stand or fly, (nx, ny, nz)."""
     free = known.free
     wide = distance_m >= max(CORE_M, 0.51 * free.voxel_m)  # between two such centres there is no surface
-    wide &= free.occupied.max(axis=2, keepdims=True)  # not round the world's edge to below its floor
+    covered = ndimage.binary_erosion(free.occupied.any(axis=2), np.ones((3, 3)), border_value=1)
+    wide &= covered[:, :, None]  # not round the world's edge to below its floor
     parts, count = ndimage.label(wide)
     lifted = known.places_m + np.array([0.0, 0.0, 0.5 * free.voxel_m])  # the floor is too near to the body
     seeds = np.vstack([known.cells_m, known.places_m, lifted])

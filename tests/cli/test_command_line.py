@@ -293,14 +293,15 @@ def test_train_without_torch_says_how_to_install_it(monkeypatch):
     assert "pip install torch==2.13.0" in done.stderr
 
 
-def test_dataset_passes_its_arguments_on(monkeypatch):
+def test_train_passes_its_arguments_on(monkeypatch):
     seen = []
-    module = types.ModuleType("sim.dataset")
+    module = types.ModuleType("labr_autonomy.gkpn.train")
     module.main = lambda: seen.append(list(sys.argv))
-    monkeypatch.setitem(sys.modules, "sim.dataset", module)
+    monkeypatch.setitem(sys.modules, "labr_autonomy.gkpn.train", module)
+    monkeypatch.setattr(cli, "importlib_find", lambda name: object())
     before = list(sys.argv)
-    assert run("dataset", "out.npz", "--scenes", "3", "--help").exit_code == 0
-    assert seen == [["labr-mission dataset", "out.npz", "--scenes", "3", "--help"]]
+    assert run("train", "--data", "train.npz", "--help").exit_code == 0
+    assert seen == [["labr-mission train", "--data", "train.npz", "--help"]]
     assert sys.argv == before
 
 
