@@ -19,7 +19,7 @@ from labr_autonomy.gkpn.local_map import local_map
 from labr_autonomy.gkpn.resample import network_image
 from labr_autonomy.gkpn.shards import Shard
 from labr_autonomy.perception.rolling_map import RollingMap
-from labr_autonomy.types import DepthFrame, Image
+from labr_autonomy.types import DepthFrame, Image, Mode
 from sim.bench.known import Known, know
 from sim.camera.process import Eye
 from sim.camera.renderer import make_renderer
@@ -28,7 +28,8 @@ from sim.training_data.goals import Goals, draw_goals
 from sim.training_data.walks import Stop, Walker
 
 DIFFICULTY = (0.2, 0.9)  # of generated worlds
-VIEWS_A_WALK = 16
+VIEWS_A_WALK = 12
+FLYING_SHARE = 0.3  # of the views
 WALKS_WITHOUT_VIEW = 40
 PLACE_M = 2.0  # a view in the air has a place to stand within this, seen from above
 _KIND, _WALKS, _NOISE, _GOALS = 11, 12, 13, 14  # streams of random numbers
@@ -120,10 +121,12 @@ def _views(known: Known, eye: Eye, seed: int, config: SceneConfig, robot: RobotC
     walker = Walker(known, robot, np.random.default_rng([seed, _WALKS]))
     rng = np.random.default_rng([seed, _GOALS])
     views: list[_View] = []
-    idle = 0
+    idle, dice = 0, rng.random()
     while len(views) < config.views:
         wanted = min(VIEWS_A_WALK, config.views - len(views))
-        found = _walk(known, walker.walk(), eye, wanted, rng, config, robot)
+        flown = sum(view.stop.mode is Mode.AIR for view in views)
+        flying = flown + VIEWS_A_WALK * dice < FLYING_SHARE * (len(views) + VIEWS_A_WALK)
+        found = _walk(known, walker.walk(flying), eye, wanted, rng, config, robot)
         views += found
         idle = 0 if found else idle + 1
         if idle >= WALKS_WITHOUT_VIEW:

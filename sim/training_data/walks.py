@@ -21,7 +21,6 @@ from sim.bench.known import Known
 from sim.bench.route import Leg, Router
 from sim.worlds.free_layers import AIR_MARGIN_M
 
-FLYING_SHARE = 0.3
 STRAIGHT_M = (4.0, 12.0)  # from the start to the end of a walk
 PICTURE_M = (0.12, 0.2)  # between two pictures: what the map of a flight gets at 5 Hz
 VIEW_EVERY = (4, 6)  # pictures; so views are about 0.8 m apart
@@ -70,9 +69,13 @@ class Walker:
         high = known.cells_height_m
         self._hovers = np.flatnonzero((high >= HEIGHT_M[0]) & (high <= HEIGHT_M[1]))
 
-    def walk(self) -> list[Stop]:
-        """The pictures of one walk, in order; none when the dice find no way."""
-        flying = bool(self._rng.random() < FLYING_SHARE) and len(self._hovers) > 1
+    def walk(self, flying: bool) -> list[Stop]:
+        """The pictures of one walk, in order; none when the dice find no way.
+
+        Args:
+            flying: Begin and end in the air, where the world has room for that; else on land.
+        """
+        flying = flying and len(self._hovers) > 1
         ends = self._ends(flying)
         if ends is None:
             return []

@@ -22,7 +22,7 @@ VOXEL_M, START_M = 0.05, (-2.0, -3.0)
 COUNT, STEP_M, HEIGHT_M = 41, 0.2, 0.5
 W, H, F = 320, 180, 102.5  # a 115 degree camera, as its simulator's
 AHEAD_M = 0.3  # of the camera before the body
-WALL_Y_M, END_X_M = 1.5, 12.0
+WALL_Y_M, END_X_M = 1.5, 10.93
 # a way along x, then round a pillar's side: the robot drives at y = 0 and swerves to y = 0.8 about x = 3
 POST = (2.6, -0.3, 3.4, 0.3)
 

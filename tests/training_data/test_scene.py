@@ -9,7 +9,7 @@ from training_worlds import ROBOT, cell_middles
 from labr_autonomy.frames import level_to_odom, quaternion_from_rpy
 from labr_autonomy.gkpn.local_map import BEHIND_M, CELL_M, CHANNELS, SIDE
 from labr_autonomy.gkpn.shards import NO_FLOOR
-from labr_autonomy.types import Pose
+from labr_autonomy.types import Mode, Pose
 from sim.bench.known import know
 from sim.training_data.build import SceneConfig, build_scene, scene_spec
 from sim.training_data.goals import BEARING_RAD, DISTANCE_M
@@ -185,10 +185,13 @@ def test_a_seed_draws_family_and_difficulty():
 
 def test_a_walk_goes_on_without_jumps_and_flies_where_it_is_said_to(known):
     walker = Walker(known, ROBOT, np.random.default_rng(3))
-    walks = [walk for walk in (walker.walk() for _ in range(12)) if walk]
-    assert len(walks) > 6
-    for walk in walks:
+    walks = [(flying, walker.walk(flying)) for flying in (False, True) * 6]
+    assert sum(bool(walk) for _, walk in walks) > 8
+    for flying, walk in walks:
+        if not walk:
+            continue
         assert walk[0].view
+        assert walk[0].mode is walk[-1].mode is (Mode.AIR if flying else Mode.LAND)
         steps = np.linalg.norm(np.diff([s.pose.position_m for s in walk], axis=0), axis=1)
         assert np.median(steps) < 0.35
         views = sum(s.view for s in walk)
