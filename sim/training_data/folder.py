@@ -6,6 +6,7 @@ same command goes on with.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -148,9 +149,10 @@ def _kept(folder: Path, settings: Mapping[str, Any], jobs: Sequence[ShardJob]) -
     if manifest["settings"] != dict(settings):
         names = sorted({*manifest["settings"], *settings})
         other = next(n for n in names if manifest["settings"].get(n) != settings.get(n))
+        old, new = (json.dumps(said.get(other)) for said in (manifest["settings"], settings))
         raise BadInput(
-            f"{folder} holds a data set with another '{other}'",
-            "Name another folder, or give the settings that are in its manifest.",
+            f"{folder} holds a data set with '{other}' {old}, not {new}",
+            "Name another folder, or give the same settings.",
         )
     files = {job.file for job in jobs}
     listed = [entry for entry in manifest["shards"] if entry["file"] in files]

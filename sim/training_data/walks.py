@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import quaternion_from_rpy, wrap_pi
 from labr_autonomy.types import Array, Mode, Pose
 from sim.bench.known import Known
 from sim.bench.route import Leg, Router
-from sim.worlds.free_layers import AIR_MARGIN_M
+from sim.training_data.footing import Footing, Numbers
 
 STRAIGHT_M = (4.0, 12.0)  # from the start to the end of a walk
 PICTURE_M = (0.12, 0.2)  # between two pictures: what the map of a flight gets at 5 Hz
@@ -29,14 +28,9 @@ AHEAD_M = 0.4  # the robot looks towards this point of its way
 TURN_RAD = 0.4  # more than this between two pictures is turned on the spot
 LOOK_ROUND = 0.02  # of all pictures
 BESIDE_M, BESIDE_STEP_M = 0.25, 0.06  # from the way
-STANDING_CLEAR_M = 0.03  # of the outline, beside the way
 YAW_SIGMA_RAD = 0.12
 TILT_RAD = {Mode.LAND: math.radians(3.0), Mode.AIR: math.radians(12.0)}
-FLOOR_GIVE_M = 0.6  # floors between a route's corners are this near to the straight line
 DRAWS = 20
-
-Flags = NDArray[np.bool_]
-Numbers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +55,8 @@ class Walker:
     """
 
     def __init__(self, known: Known, robot: RobotConfig, rng: np.random.Generator) -> None:
-        self._known, self._robot, self._rng = known, robot, rng
-        body = robot.body
-        self._sphere_m = math.hypot(body.radius_m, max(body.below_m, body.above_m)) + AIR_MARGIN_M
+        self._known, self._rng = known, rng
+        self._footing = Footing(known, robot)
         # driving costs so much that a flight only ends where it is to end
         self._flyer = Router(known.free, replace(known.router.energy, land_w=1e6, transition_s=600.0))
         high = known.cells_height_m
@@ -156,47 +149,8 @@ class Walker:
         offset = left * beside[:, :1]
         if mode is Mode.AIR:
             offset[:, 2] = beside[:, 1]
-            return self._in_air(points, offset)
-        shifted, good = self._on_floor(points + offset)
-        plain, fine = self._on_floor(points)
-        out = np.where(good[:, None], shifted, plain)
-        reach = np.where(good | fine, self._reach_on_land(out), -1)
-        return out, out[:, 2] - self._robot.body.below_m, reach
-
-    def _on_floor(self, points: Array) -> tuple[Array, Flags]:
-        """Points (n, 3) brought down to the floor, and whether the outline is free there, (n,)."""
-        surface, below = self._known.surface, self._robot.body.below_m
-        out = points.copy()
-        places = self._places(points)
-        found = places >= 0
-        look_from = self._known.free.land.floor_z_m[places] + 0.5 * below
-        out[:, 2] = surface.floors_below(points[:, :2], np.where(found, look_from, points[:, 2])) + below
-        found &= np.abs(out[:, 2] - look_from) < 2.0 * below  # a floor is there, not a hole
-        slopes = np.zeros((len(out), 2))
-        for k in np.flatnonzero(found):
-            slopes[k] = surface.floor_slope(*(float(v) for v in out[k]))
-        found[found] = surface.clear(out[found], STANDING_CLEAR_M, on_floor=True, slopes=slopes[found])
-        return out, found
-
-    def _places(self, points: Array) -> Numbers:
-        """Numbers of the standing places below points (n, 3), (n,) int; -1 where there is none."""
-        land, below = self._known.free.land, self._robot.body.below_m
-        near = [land.nearest(p[:2], float(p[2]) - below, land.cell_m, FLOOR_GIVE_M) for p in points]
-        return np.array([-1 if place is None else place for place in near], np.int64)
-
-    def _reach_on_land(self, points: Array) -> Numbers:
-        places = self._places(points)
-        return np.where(places >= 0, self._known.free.land.reach[places], -1).astype(np.int64)
-
-    def _in_air(self, points: Array, offset: Array) -> tuple[Array, Array, Numbers]:
-        air, surface = self._known.free.air, self._known.surface
-        shifted = points + offset
-        out = np.where(surface.away(shifted, self._sphere_m)[:, None], shifted, points)
-        at = np.floor((out - air.origin_m) / air.cell_m).astype(int)
-        at = np.clip(at, 0, np.array(air.free.shape) - 1)
-        floors = air.floor_z_m[tuple(at.T)].astype(np.float64)
-        free = air.free[tuple(at.T)] & np.isfinite(floors) & surface.away(out, self._sphere_m)
-        return out, floors, np.where(free, air.reach[tuple(at.T)], -1).astype(np.int64)
+            return self._footing.in_air(points, offset)
+        return self._footing.on_floor(points, offset)
 
     def _stop(self, point: Array, yaw: float, floor_z_m: float, mode: Mode, reach: int) -> Stop:
         most = TILT_RAD[mode]

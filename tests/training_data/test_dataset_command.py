@@ -106,10 +106,10 @@ def test_a_scene_that_offers_nothing_is_passed_over_and_named(tmp_path, monkeypa
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--goals", 3), "another 'goals'"),
-        (("--seed", 1_000_500), "another 'seed'"),
-        (("--size", 160, 90), "another 'height'"),
-        (("--family", "hall"), "another 'worlds'"),
+        (("--goals", 3), "with 'goals' 2, not 3"),
+        (("--seed", 1_000_500), "with 'seed' 1000000, not 1000500"),
+        (("--size", 160, 90), "with 'height' 18, not 90"),
+        (("--family", "hall"), "with 'worlds' "),
         (("--scenes", 2), "3 scenes, more than are asked for"),
     ],
 )
