@@ -178,7 +178,11 @@ def check(
 @_out
 @click.option("--family", metavar="F", help="A family of worlds: fly one trial of the benchmark in it.")
 @click.option("--world", type=_file, metavar="FILE.yaml", help="A mesh world: fly one trial in it.")
-@click.option("--method", metavar="M", help="Of the trial: two-stage (default), iplanner, mapping, oracle.")
+@click.option(
+    "--method",
+    metavar="M",
+    help="Of the trial: two-stage (default), iplanner, mapping, oracle, network, network@DIR.",
+)
 @difficulty_option
 @click.option("--show", is_flag=True, help="Draw the trial, and open the picture where there is a display.")
 def sim(

@@ -81,7 +81,12 @@ def bench() -> None:
 @click.option(
     "--trials", type=click.IntRange(1, 100_000), default=100, metavar="N", help="In each world kind."
 )
-@click.option("--method", default="all", metavar="M[,M..]|all", help="two-stage, iplanner, mapping, oracle.")
+@click.option(
+    "--method",
+    default="all",
+    metavar="M[,M..]|all",
+    help="two-stage, iplanner, mapping, oracle; network, network@DIR.",
+)
 @difficulty_option
 @worlds_dir_option
 @_with_common
@@ -133,7 +138,12 @@ def navigation(
 @click.option(
     "--trials", type=click.IntRange(1, 10_000), default=10, metavar="N", help="Seeds for each task."
 )
-@click.option("--method", default="all", metavar="M[,M..]|all", help="two-stage, iplanner, mapping, oracle.")
+@click.option(
+    "--method",
+    default="all",
+    metavar="M[,M..]|all",
+    help="two-stage, iplanner, mapping, oracle; network, network@DIR.",
+)
 @_with_common
 def table3(trials: int, method: str, **common: Any) -> None:
     """The paper's two tasks, beside its own figures.

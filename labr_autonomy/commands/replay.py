@@ -33,7 +33,7 @@ def replay(
         world: a mesh world's file.
         worlds_dir: Folder of meshes and world files.
         seed: Of the trial.
-        method: One of `sim.bench.methods.METHODS`.
+        method: A name that `sim.bench.methods` knows.
         difficulty: Of a generated world.
         robot: robot.yaml, or None for the standard robot.
         out: Where the run folder is made.
@@ -42,14 +42,13 @@ def replay(
     from labr_autonomy.commands.bench import find_places, load_robot_values
     from labr_autonomy.record.run_folder import make_run_folder
     from sim.bench import jobs
-    from sim.bench.methods import METHODS
+    from sim.bench.methods import find_method
     from sim.bench.report_lines import describe
 
     places = find_places(family, () if world is None else (world,), difficulty, worlds_dir)
     if len(places) != 1:
         raise BadInput(f"{len(places)} families are named", "Name one; a trial is in one world")
-    if method not in METHODS:
-        raise BadInput(f"there is no method '{method}'", f"Take one of {', '.join(METHODS)}")
+    find_method(method)  # refuses one that is not known, before anything is made
     place = places[0]
     answer = jobs.fly_job(jobs.Job(place.name, place.spec, seed, method, robot=load_robot_values(robot)))
     click.echo(f"{place.name}, seed {seed}, {method}")

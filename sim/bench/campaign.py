@@ -12,7 +12,7 @@ from labr_autonomy.errors import ExitCode, LabrError
 from sim.bench.executors import Executor, Finished
 from sim.bench.jobs import Job
 from sim.bench.journal import Journal
-from sim.bench.methods import METHODS, ORACLE
+from sim.bench.methods import ORACLE, find_method
 from sim.bench.records import Record, read_json, task_from_dict, task_to_dict, write_whole
 from sim.bench.rows import valid
 from sim.bench.settings import Place, Settings
@@ -102,7 +102,7 @@ class Campaign:
 
     def _missing(self, place: Place, seed: int) -> Iterator[Job]:
         """Flights of one task that can begin now."""
-        methods = [METHODS[name] for name in self.settings.methods]
+        methods = [find_method(name) for name in self.settings.methods]
         task = self.tasks.get((place.name, seed))
         if self.fixed is None:
             if (place.name, seed, ORACLE) not in self._settled:

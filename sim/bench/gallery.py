@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from labr_autonomy.record.pictures import FAINT, INK, LAND
-from sim.bench.methods import METHODS, ORACLE
+from sim.bench.methods import ORACLE, find_method, in_order
 from sim.bench.paper import GOAL_REACHED_PCT
 from sim.bench.pictures import STYLE, draw_depth, draw_top, key, last_depth, png
 from sim.bench.rows import Flight, flights, worst
@@ -22,6 +22,7 @@ from sim.worlds.world import World
 SHOWN = 4  # trials side by side
 FAILURES = 8  # in the gallery of one place
 COLOURS = {"two-stage": LAND, "iplanner": "#7b5ea7", "mapping": "#2a9d8f", ORACLE: FAINT}
+OTHERS = ("#d98e04", "#b5485d", "#4a6fa5", "#8a6d3b", "#5f8a3a", "#a34fa0")  # networks, in turn
 
 
 def draw_navigation(findings: Findings, results: Mapping[str, Any]) -> None:
@@ -77,9 +78,9 @@ def ways(flown: Mapping[str, Sequence[Flight]], place: str) -> bytes | None:
                 flight = by_seed.get(seed)
                 if flight is None:
                     axes.set_axis_off()
-                    axes.set_title(f"{METHODS[method].title}, seed {seed}: not flown")
+                    axes.set_title(f"{find_method(method).title}, seed {seed}: not flown")
                     continue
-                _panel(axes, flight, worlds, f"{METHODS[method].title}, seed {seed}")
+                _panel(axes, flight, worlds, f"{find_method(method).title}, seed {seed}")
         figure.suptitle(place)
         figure.legend(handles=key(), loc="outside lower center", ncols=6, frameon=False, fontsize=7)
         return png(figure)
@@ -92,7 +93,7 @@ def failures(flown: Mapping[str, Sequence[Flight]], place: str) -> bytes | None:
         for method, counted in flown.items()
         for flight in worst([f for f in counted if not f.reached], most=FAILURES)
     ]
-    order = {method: i for i, method in enumerate(METHODS)}
+    order = {method: i for i, method in enumerate(in_order(flown))}
     nth: dict[str, int] = {}
     ranked = []
     for method, flight in failed:  # the worst of each method first, then the second worst of each
@@ -112,7 +113,7 @@ def failures(flown: Mapping[str, Sequence[Flight]], place: str) -> bytes | None:
         for i, (method, flight) in enumerate(shown):
             top, eye = (grid[2 * (i // columns) + k, i % columns] for k in (0, 1))
             top.set_axis_on()
-            _panel(top, flight, worlds, f"{METHODS[method].title}, seed {flight.task.seed}", near=True)
+            _panel(top, flight, worlds, f"{find_method(method).title}, seed {flight.task.seed}", near=True)
             depth = last_depth(worlds[flight.task.seed], flight.result)
             if depth is not None:
                 draw_depth(eye, depth)
@@ -133,7 +134,8 @@ def _panel(axes: Axes, flight: Flight, worlds: dict[int, World], title: str, *, 
 def summary_bars(rows: Sequence[Mapping[str, Any]]) -> bytes:
     """Goals reached and energy over the oracle by place and method, the paper's figures as marks; PNG."""
     families = list(dict.fromkeys(row["family"] for row in rows))
-    methods = [m for m in METHODS if any(row["method"] == m for row in rows)]
+    methods = in_order(row["method"] for row in rows)
+    colours = colours_of(methods)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(max(6.5, 2.2 * len(families) + 2.5), 5.6), layout="constrained")
         reached, energy = figure.subplots(2, 1)
@@ -142,7 +144,8 @@ def summary_bars(rows: Sequence[Mapping[str, Any]]) -> bytes:
             axes.set_axisbelow(True)
             axes.set_xticks(range(len(families)), families)
             for number, method in enumerate(methods):
-                _bars(axes, key_, rows, families, method, number - (len(methods) - 1) / 2.0, len(methods))
+                place = number - (len(methods) - 1) / 2.0
+                _bars(axes, key_, rows, families, method, place, len(methods), colours[method])
         reached.set(ylabel="goals reached [%]", ylim=(0.0, 109.0))
         energy.set(ylabel="energy / oracle's energy")
         energy.axhline(1.0, color=INK, linewidth=0.8)
@@ -153,6 +156,12 @@ def summary_bars(rows: Sequence[Mapping[str, Any]]) -> bytes:
         return png(figure)
 
 
+def colours_of(methods: Sequence[str]) -> dict[str, str]:
+    """A colour for each method; networks alone have no colour of their own."""
+    others = [method for method in methods if method not in COLOURS]
+    return COLOURS | {method: OTHERS[i % len(OTHERS)] for i, method in enumerate(others)}
+
+
 def _bars(
     axes: Axes,
     key_: str,
@@ -161,6 +170,7 @@ def _bars(
     method: str,
     place: float,
     count: int,
+    colour: str,
 ) -> None:
     """The bars of one method over all places, with their intervals."""
     found = {row["family"]: row for row in rows if row["method"] == method}
@@ -171,8 +181,8 @@ def _bars(
         if row is None or row[key_] is None:
             continue
         x, value = i + place * width, float(row[key_])
-        label = None if labelled else METHODS[method].title + (", land only" if row["land_only"] else "")
-        axes.bar(x, value, width * 0.92, color=COLOURS[method], label=label)
+        label = None if labelled else find_method(method).title + (", land only" if row["land_only"] else "")
+        axes.bar(x, value, width * 0.92, color=colour, label=label)
         labelled = True
         interval = row[f"{key_}_ci95"]
         if interval is not None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from labr_autonomy.errors import BadInput
+from sim.bench.alone.names import HOW, NAME, folder_of, is_network, manifest_of
 
 if TYPE_CHECKING:
     from labr_autonomy.config import RobotConfig
@@ -69,37 +71,60 @@ METHODS: dict[str, Method] = {
 
 
 def find_methods(names: str) -> list[Method]:
-    """The methods in a comma-separated list, in the registry's order; `all` is every one.
+    """The methods in a comma-separated list, in the registry's order, then networks as named.
+
+    `all` is every one in the registry; networks alone are flown where they are named.
 
     Raises:
-        BadInput: for a name that is not in the registry.
+        BadInput: for a name that is not known, or a network without weights.
     """
-    asked = {name.strip() for name in names.split(",") if name.strip()}
-    if asked == {"all"}:
+    asked = list(dict.fromkeys(name.strip() for name in names.split(",") if name.strip()))
+    if asked == ["all"]:
         return list(METHODS.values())
-    unknown = sorted(asked - METHODS.keys())
+    networks = [name for name in asked if is_network(name)]
+    unknown = sorted(set(asked) - METHODS.keys() - set(networks))
     if unknown or not asked:
         what = f"there is no method '{unknown[0]}'" if unknown else "no method is named"
-        raise BadInput(what, f"Take {', '.join(METHODS)}, several with commas, or all")
-    return [method for method in METHODS.values() if method.name in asked]
+        raise BadInput(what, f"Take {', '.join(METHODS)}, {HOW}, several with commas, or all")
+    return [*(m for m in METHODS.values() if m.name in asked), *(_network(name) for name in networks)]
 
 
 def find_method(name: str) -> Method:
     """One method.
 
     Raises:
-        BadInput: for a name that is not in the registry.
+        BadInput: for a name that is not known, or a network without weights.
     """
+    if is_network(name):
+        return _network(name)
     if name not in METHODS:
-        raise BadInput(f"there is no planner for the method '{name}'", f"Take one of {', '.join(METHODS)}")
+        raise BadInput(f"there is no method '{name}'", f"Take one of {', '.join(METHODS)}, {HOW}")
     return METHODS[name]
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Each of the names once: the registry's in its order, then networks as they come."""
+    found = list(dict.fromkeys(names))
+    return [*(name for name in METHODS if name in found), *(name for name in found if name not in METHODS)]
+
+
+def _network(name: str) -> Method:
+    """The method that flies a network alone."""
+    whose = "the packaged network" if name == NAME else f"the network in {folder_of(name)}"
+    return Method(
+        name,
+        "network alone" if name == NAME else f"network {folder_of(name).name}",
+        land_only=bool(manifest_of(name).get("land_only", False)),
+        sentence=f"{whose} alone: its key points as a spline that is followed; no map of obstacles, no "
+        "refiner, no recovery",
+    )
 
 
 def make_planner(name: str, config: RobotConfig, task: Task) -> Planner:
     """A planner of a method, ready for the first cycle.
 
     Args:
-        name: One of `METHODS`.
+        name: One of `METHODS`, or a network's.
         config: The robot.
         task: Only the oracle may look at it.
     """
@@ -119,4 +144,9 @@ def make_planner(name: str, config: RobotConfig, task: Task) -> Planner:
         from sim.bench.oracle import OraclePlanner
 
         return OraclePlanner(config, task)
-    raise BadInput(f"there is no planner for the method '{name}'", f"Take one of {', '.join(METHODS)}")
+    if is_network(name):
+        from labr_autonomy.gkpn.infer import GkpnOnnx
+        from sim.bench.alone.planner import AlonePlanner
+
+        return AlonePlanner(config, GkpnOnnx(folder_of(name)), drives_only=find_method(name).land_only)
+    raise BadInput(f"there is no planner for the method '{name}'", f"Take one of {', '.join(METHODS)}, {HOW}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sim.bench.methods import METHODS, ORACLE
+from sim.bench.methods import ORACLE, find_method, in_order
 from sim.bench.paper import GOAL_REACHED_PCT
 
 Row = Mapping[str, Any]
@@ -101,7 +101,7 @@ def _family(family: str, rows: Sequence[Row]) -> list[str]:
 
 
 def _baselines(rows: Sequence[Row]) -> list[str]:
-    used = [METHODS[name] for name in METHODS if any(row["method"] == name for row in rows)]
+    used = [find_method(name) for name in in_order(row["method"] for row in rows)]
     return ["## Methods\n", *[f"- {m.name}: {m.sentence}." for m in used], ""]
 
 

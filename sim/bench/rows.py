@@ -16,7 +16,7 @@ import numpy as np
 
 from labr_autonomy.record.summary import percentiles
 from sim.bench import statistics
-from sim.bench.methods import METHODS, ORACLE
+from sim.bench.methods import ORACLE, find_method
 from sim.bench.records import Record
 from sim.lockstep.trial import Task, TrialResult
 
@@ -138,7 +138,7 @@ def make_rows(
         for method in named:
             counted = flights(place, method, tasks, records, gated=gated)
             own = [r for r in records.values() if (r.place, r.method) == (place, method)]
-            head = {"family": place, "method": method, "land_only": METHODS[method].land_only}
+            head = {"family": place, "method": method, "land_only": find_method(method).land_only}
             errors = sum(r.result is None for r in own)
             rows.append({**head, **_figures(counted, seed), "invalid": invalid, "errors": errors})
     return rows

@@ -12,6 +12,7 @@ from typing import Any
 from labr_autonomy.errors import BadInput
 from labr_autonomy.record.run_folder import make_run_folder, slug
 from labr_autonomy.record.summary import versions
+from sim.bench.alone.names import digest_of, is_network
 from sim.bench.records import read_json, write_whole
 from sim.worlds.build import build_world
 
@@ -64,6 +65,9 @@ class Settings:
         """JSON-ready, as the run folder keeps it."""
         kept = {key: value for key, value in asdict(self).items() if key != "arguments"}
         kept["versions"] = versions()
+        weights = {name: digest_of(name) for name in self.methods if is_network(name)}
+        if weights:  # a network that was trained anew is another question
+            kept["weights"] = weights
         whole: dict[str, Any] = json.loads(json.dumps(kept))
         return whole
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from labr_autonomy.config import RobotConfig
-from sim.bench.methods import METHODS
+from sim.bench.methods import METHODS, find_method, in_order
 from sim.bench.page import NOTHING, number, table, versions_part, with_interval
 from sim.bench.paper import TABLE_3
 from sim.bench.scenes import SCENES, scene_task
@@ -68,7 +68,8 @@ def table3_page(results: Mapping[str, Any]) -> str:
         "their ratios, not for their amounts. Its Yang is iPlanner and its Zhou the mapping-based planner; "
         "iPlanner cannot be sent to a goal in the air.\n"
     )
-    parts += ["## Methods\n", *[f"- {m.name}: {m.sentence}." for m in METHODS.values()], ""]
+    used = [find_method(name) for name in in_order([*METHODS, *(row["method"] for row in results["rows"])])]
+    parts += ["## Methods\n", *[f"- {m.name}: {m.sentence}." for m in used], ""]
     if results["errors"]:
         parts.append("## Flights in which the program failed\n")
         parts += [f"- {e['family']} seed {e['seed']}, {e['method']}: {e['error']}" for e in results["errors"]]
