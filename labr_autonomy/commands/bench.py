@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from labr_autonomy.commands.ablation import table1
 from labr_autonomy.commands.checks import camera, crosscheck
 from labr_autonomy.commands.networks import table2
 from labr_autonomy.errors import BadInput
@@ -124,7 +125,7 @@ def navigation(
         tuple(arguments),
         load_robot_values(common["robot"]),
     )
-    findings = _carry_out(settings, common)
+    findings = carry_out(settings, common)
     results = findings.results()
     write_results(findings.folder, results, navigation_page(results))
     if not common["no_pictures"]:
@@ -156,7 +157,7 @@ def table3(trials: int, method: str, **common: Any) -> None:
 
     methods = tuple(m.name for m in find_methods(method))
     settings = table3_settings(methods, trials, common["seed"], load_robot_values(common["robot"]))
-    findings = _carry_out(settings, common, table3_tasks(settings))
+    findings = carry_out(settings, common, table3_tasks(settings))
     results = with_paper(findings.results())
     write_results(findings.folder, results, table3_page(results))
     if not common["no_pictures"]:
@@ -168,6 +169,7 @@ def table3(trials: int, method: str, **common: Any) -> None:
 
 bench.add_command(crosscheck)
 bench.add_command(camera)
+bench.add_command(table1)
 bench.add_command(table2)
 
 
@@ -219,10 +221,16 @@ def load_robot_values(path: Path | None) -> dict[str, Any] | None:
     return robot
 
 
-def _carry_out(
+def carry_out(
     settings: Settings, common: dict[str, Any], fixed: dict[tuple[str, int], Task] | None = None
 ) -> Findings:
-    """Fly what is missing."""
+    """Fly what is missing.
+
+    Args:
+        settings: The question.
+        common: The options `out`, `resume`, `jobs`, `cluster` and `as_json` by name.
+        fixed: The tasks, where they are not sampled.
+    """
     from labr_autonomy.commands.progress import show_progress
     from sim.bench import run
     from sim.bench.settings import open_folder
@@ -246,6 +254,11 @@ def _end(findings: Findings, results: dict[str, Any], *, as_json: bool) -> None:
 
         print_rows(results["rows"])
         click.echo(f"All figures, pictures and replays: {findings.folder / 'results.md'}")
+    end_by_errors(findings, results)
+
+
+def end_by_errors(findings: Findings, results: dict[str, Any]) -> None:
+    """End with 1 and a sentence when the program failed somewhere."""
     failed = results["errors"]
     if failed:
         first = failed[0]

@@ -44,6 +44,31 @@ def bootstrap_mean(values: Sequence[float] | Array, seed: int) -> Interval | Non
     return float(low), float(high)
 
 
+def bootstrap_crossed(groups: Sequence[Array], weights: Sequence[float], seed: int) -> Interval | None:
+    """95 % interval of a weighted sum of means over groups that met the same cases; None for fewer than two.
+
+    Each resample draws cases for all groups together, so that they stay paired, and the members of each group
+    on their own: chance is in the cases and in the members, such as trainings of one network.
+
+    Args:
+        groups: Each (members, n), a column for each case.
+        weights: Of the groups' means; 1 and -1 for a difference.
+        seed: Of the resamples.
+    """
+    cases = groups[0].shape[1]
+    if cases < 2:
+        return None
+    rng = np.random.default_rng([seed, cases, len(groups)])
+    sums = np.zeros(RESAMPLES)
+    for i in range(RESAMPLES):
+        drawn = rng.integers(0, cases, cases)
+        for group, weight in zip(groups, weights, strict=True):
+            members = rng.integers(0, len(group), len(group))
+            sums[i] += weight * group[members][:, drawn].mean()
+    low, high = np.quantile(sums, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+    return float(low), float(high)
+
+
 def share_pct(flags: Sequence[bool] | NDArray[np.bool_]) -> float | None:
     """Share of True [%], or None of nothing."""
     value = mean(np.asarray(flags, dtype=np.float64))
