@@ -46,8 +46,8 @@ def table1(
 
     trained = find_trained(runs)
     places = find_places(family, (), None, None)
-    arguments = ("--runs", str(runs), "--family", ",".join(place.name for place in places))
-    arguments += ("--trials", str(trials), "--seed", str(seed))
+    families = ",".join(place.name for place in places)
+    arguments = ("--runs", str(runs), "--family", families, "--trials", str(trials), "--seed", str(seed))
     settings = table1_settings(trained, places, trials, seed, arguments)
     common = {"out": out, "resume": False, "jobs": jobs, "cluster": None, "as_json": as_json}
     findings = carry_out(settings, common)
