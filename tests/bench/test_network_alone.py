@@ -56,11 +56,11 @@ class Line:
 class MapLine(Line):
     """The same, shown a map as well."""
 
-    takes_map = True
+    takes_map, range_m = True, 6.0
     seen = None
 
-    def predict(self, depth_m, intrinsics, goal_level_m, *, seen=None):
-        self.seen = seen
+    def predict(self, depth_m, intrinsics, goal_level_m, seen=None, floor_m=0.0):
+        self.seen, self.floor_m = seen, floor_m
         return super().predict(depth_m, intrinsics, goal_level_m)
 
 
@@ -239,6 +239,10 @@ def test_a_network_that_takes_a_map_is_shown_what_has_been_seen():
     planner.cycle(request([4.0, 0.0, 0.0]), frame())
     assert network.seen.shape == (CHANNELS, SIDE, SIDE)
     assert network.seen[1].any()  # something of the lowest band is known after one image
+    assert network.floor_m == 0.0
+    planner.cycle(request([9.0, 0.0, 1.0], at=(0.0, 0.0, 1.0), mode=Mode.AIR, in_air=True), frame(1))
+    assert network.floor_m == pytest.approx(BELOW_M - 1.0)
+    np.testing.assert_allclose(network.goals[-1], [6.0, 0.0, 0.0], atol=1e-9)
 
 
 @pytest.mark.parametrize("velocity", [(0.0, 0.0, 0.0), (1.0, -0.3, 0.2), (-0.8, 0.4, -0.3)])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
-from labr_autonomy.frames import level_to_odom, odom_to_level
+from labr_autonomy.frames import level_to_odom
 from labr_autonomy.gkpn.spline import PER_SEGMENT, path_points
 from labr_autonomy.modes.decision import classify, lift_off_distance_m
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
@@ -24,7 +24,7 @@ from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Source, Traj
 from sim.bench.alone import flyer
 from sim.bench.alone.network import Asked, Network
 from sim.bench.iplanner import fear, follower
-from sim.bench.iplanner.planner import AFRAID, shown
+from sim.bench.iplanner.planner import AFRAID
 
 OVER_GOAL_M = 0.6  # so near in the plane, a flying robot hovers over to the goal; training has no such goals
 LAND_OVER_M = 0.25  # and comes down on a goal on the floor
@@ -108,9 +108,8 @@ class AlonePlanner:
         if _over_goal(request):  # nothing that it has to find a way for
             self._fear = fear.Fear()
             return
-        pose, drive_z_m = request.frame_pose, self._drive_z_m(request)
-        goal = np.array([*request.goal_m[:2], request.goal_m[2] if request.goal_in_air else drive_z_m])
-        keys, mu = self._network.keys(request, frame, shown(odom_to_level(goal, pose)))
+        pose, drive_z_m = request.frame_pose, request.floor_z_m + self._config.body.below_m
+        keys, mu = self._network.keys(request, frame)
         path = path_points(keys)
         self._fear = fear.step(self._fear, mu, fear.leads_forward(path))
         points = level_to_odom(keys, pose)
@@ -164,9 +163,6 @@ class AlonePlanner:
         if not stops:
             return ""
         return AFRAID if self._fear.stopped else NO_IMAGE
-
-    def _drive_z_m(self, request: PlanRequest) -> float:
-        return request.floor_z_m + self._config.body.below_m
 
 
 def _aside_m(request: PlanRequest) -> float:
