@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labr_autonomy.types import Array
 from sim.bench import statistics
@@ -18,7 +19,8 @@ from sim.bench.run import Findings
 from sim.bench.settings import Place, Settings
 
 TITLES = {"iplanner": "iPlanner", "lapn": "LAPN only", "spn": "SPN only", "gkpn": "SPN + LAPN"}
-_CONTACT, _REACHED = "contact", "reached"
+_REACHED = "reached"
+_OUTCOMES = (_REACHED, "contact", "timeout")
 
 
 def table1_settings(
@@ -43,10 +45,10 @@ def table1_results(findings: Findings, trained: Sequence[Trained]) -> dict[str, 
         outcome: {
             place.name: _flags(findings, trained, place.name, outcome) for place in findings.settings.places
         }
-        for outcome in (_REACHED, _CONTACT)
+        for outcome in _OUTCOMES
     }
     rows = [
-        _row(place.name, variant, trained, flags, findings.settings.seed)
+        _row(place.name, variant, trained, flags, _in_air(findings, place.name), findings.settings.seed)
         for place in findings.settings.places
         for variant in VARIANTS
         if any(t.variant == variant for t in trained)
@@ -77,6 +79,12 @@ def _flags(findings: Findings, trained: Sequence[Trained], place: str, outcome: 
     return {variant: np.stack(lines) for variant, lines in found.items()}
 
 
+def _in_air(findings: Findings, place: str) -> NDArray[np.bool_]:
+    """Which of the trials have a goal in the air; False for those that no task was found for."""
+    tasks = [findings.tasks.get((place, seed)) for seed in findings.settings.seeds]
+    return np.array([task is not None and task.in_air for task in tasks], dtype=np.bool_)
+
+
 def _joined(places: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     """The trials of all families side by side."""
     return {variant: np.hstack([place[variant] for place in places]) for variant in places[0]}
@@ -87,8 +95,10 @@ def _row(
     variant: str,
     trained: Sequence[Trained],
     flags: Mapping[str, Mapping[str, Mapping[str, Array]]],
+    in_air: NDArray[np.bool_],
     seed: int,
 ) -> dict[str, Any]:
+    """One variant in one family; `in_air` (trials,) tells which goals are in the air."""
     own = [t for t in trained if t.variant == variant]
     row: dict[str, Any] = {
         "family": family,
@@ -99,12 +109,16 @@ def _row(
         "loss": statistics.mean([t.loss for t in own]),
         "paper": TABLE_1.get(family, {}).get(variant),
     }
-    for outcome in (_REACHED, _CONTACT):
+    for outcome in _OUTCOMES:
         lines = flags[outcome][family][variant]
-        whole = lines[:, np.isfinite(lines).all(axis=0)]  # trials that every training of it has flown
+        flown = np.isfinite(lines).all(axis=0)  # trials that every training of it has flown
+        whole = lines[:, flown]
         row["trials"] = int(whole.size)
         row[f"{outcome}_pct"] = statistics.share_pct(whole.ravel() > 0.5)
         row[f"{outcome}_pct_ci95"] = _interval_pct(whole, seed)
+        if outcome == _REACHED:
+            for kind, these in (("land", flown & ~in_air), ("air", flown & in_air)):
+                row[f"reached_{kind}_pct"] = statistics.share_pct(lines[:, these].ravel() > 0.5)
     return row
 
 
@@ -123,7 +137,7 @@ def table1_page(results: Mapping[str, Any]) -> str:
     """
     size = results["input"]
     head = ["network", "SPN", "LAPN", "trainings", "training loss", "paper", "flights"]
-    head += ["goal reached %", "paper", "contact %"]
+    head += ["goal reached %", "paper", "land %", "air %", "contact %", "timeout %"]
     parts = ["# Table I\n", f"```\n{results['command']}\n```\n"]
     for family in dict.fromkeys(row["family"] for row in results["rows"]):
         lines = [_line(row) for row in results["rows"] if row["family"] == family]
@@ -156,7 +170,10 @@ def _line(row: Mapping[str, Any]) -> list[str]:
         str(row["trials"]),
         with_interval(row, "reached_pct", 0),
         number(paper.get("reached_pct"), 0),
+        number(row["reached_land_pct"], 0),
+        number(row["reached_air_pct"], 0),
         with_interval(row, "contact_pct", 0),
+        with_interval(row, "timeout_pct", 0),
     ]
 
 

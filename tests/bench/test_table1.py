@@ -114,7 +114,10 @@ def test_the_table_sets_networks_beside_the_paper_and_says_what_helps(table1, ru
     assert "SPN: it helps; +33.3 points of goals reached [" in page
     assert "LAPN: no effect that can be told apart from chance; +0.0 points" in page
     assert "images of 160x90" in page
-    assert "| SPN + LAPN | yes | yes | 2 | 1.250 | 3.221 | 18 | 100 [82, 100] | 76 |" in page
+    assert "| SPN + LAPN | yes | yes | 2 | 1.250 | 3.221 | 18 | 100 [82, 100] | 76 | 100 | 100 |" in page
+    assert plain["reached_land_pct"] == pytest.approx(60.0)  # seeds 0 and 6 of 0, 2, 4, 6, 8
+    assert plain["reached_air_pct"] == 75.0  # seed 3 of 1, 3, 5, 7
+    assert plain["timeout_pct"] == 0.0
 
 
 @pytest.mark.slow
