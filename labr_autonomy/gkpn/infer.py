@@ -11,11 +11,13 @@ import onnxruntime
 
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.errors import BadInput
+from labr_autonomy.gkpn.choice import chosen
+from labr_autonomy.gkpn.local_map import LocalMap
 from labr_autonomy.gkpn.package import ONNX_NAME, REMEDY, packaged_dir, read_manifest, read_verified
 from labr_autonomy.gkpn.resample import network_image
 from labr_autonomy.types import Array, Image, Intrinsics
 
-GOAL_RANGE_M = 9.0  # farthest goal of the training data; farther ones are drawn in to it
+GOAL_RANGE_M = 9.0  # farthest goal of the training data where the manifest does not say it
 
 
 def session(model: bytes, threads: int = 1) -> onnxruntime.InferenceSession:
@@ -27,7 +29,7 @@ def session(model: bytes, threads: int = 1) -> onnxruntime.InferenceSession:
 
 
 class PlanningOnnx:
-    """A trained network with inputs `depth`, `goal` and outputs `points`, `mu`.
+    """A trained network with inputs `depth`, `goal`, perhaps `map`, and outputs `points`, `mu`.
 
     Args:
         folder: With the model and manifest.json. A file whose sha256 is not the manifest's is refused with
@@ -39,23 +41,38 @@ class PlanningOnnx:
     def __init__(self, folder: Path, name: str, remedy: str = REMEDY) -> None:
         self.manifest: dict[str, Any] = read_manifest(folder, remedy)
         self._session = session(read_verified(folder, name, remedy))
-        self._height, self._width = (int(n) for n in self._session.get_inputs()[0].shape[2:])
+        inputs = {value.name: [int(n) for n in value.shape] for value in self._session.get_inputs()}
+        self._height, self._width = inputs["depth"][2:]
+        self._unmapped = np.zeros(inputs["map"], np.float32) if "map" in inputs else None
+        self.range_m = float(self.manifest.get("goal_range_m", GOAL_RANGE_M))  # farther goals are drawn in
         self._clock = SystemClock()
         camera = Intrinsics(16, 9, 8.0, 8.0, 8.0, 4.5)
         self.predict(np.ones((9, 16), np.float32), camera, np.ones(3))  # compiles and allocates before flight
 
+    @property
+    def takes_map(self) -> bool:
+        """Whether it wants to be shown what has been seen lately as well."""
+        return self._unmapped is not None
+
     def predict(
-        self, depth_m: Image, intrinsics: Intrinsics, goal_level_m: Array
+        self,
+        depth_m: Image,
+        intrinsics: Intrinsics,
+        goal_level_m: Array,
+        seen: LocalMap | None = None,
+        floor_m: float = 0.0,
     ) -> tuple[Array, float, float]:
         """Key points towards a goal.
 
         The goal should lie within 75 degrees of the heading (the training data's range; turn first
-        otherwise). For a goal on the floor pass the robot's driving height there, so z = 0 on flat floor.
+        otherwise). For a goal on the floor pass the robot's driving height, so z = 0 for a robot on wheels.
 
         Args:
             depth_m: (h, w) along the optical axis [m], 0 = invalid.
             intrinsics: Of the camera; the image may be a scaled version of its size.
             goal_level_m: (3,) level frame.
+            seen: What has been seen lately (`gkpn.local_map`), for a network that `takes_map`.
+            floor_m: Height at which the robot drives, level frame; it tells which key points are flown to.
 
         Returns:
             Key points (5, 3) level frame [m], collision probability mu in 0..1, time taken [s].
@@ -68,10 +85,14 @@ class PlanningOnnx:
             )
         feed = {
             "depth": network_image(depth_m, intrinsics, self._width, self._height)[None, None],
-            "goal": drawn_in(goal)[None].astype(np.float32),
+            "goal": drawn_in(goal, self.range_m)[None].astype(np.float32),
         }
+        if self._unmapped is not None:
+            feed["map"] = self._unmapped if seen is None else seen[None].astype(np.float32)
         points, mu = self._session.run(["points", "mu"], feed)
-        return points[0].astype(np.float64), float(mu[0, 0]), self._clock.now_s() - began_s
+        paths = points.reshape(1, -1, *points.shape[-2:]).astype(np.float64)  # (1, hypotheses, n, 3)
+        taken = int(chosen(paths, mu, floor_m)[0])
+        return paths[0, taken], float(mu[0, taken]), self._clock.now_s() - began_s
 
 
 class GkpnOnnx(PlanningOnnx):
@@ -85,11 +106,11 @@ class GkpnOnnx(PlanningOnnx):
         super().__init__(weights_dir or packaged_dir(), ONNX_NAME)
 
 
-def drawn_in(goal_m: Array) -> Array:
-    """The goal, brought to `GOAL_RANGE_M` along its bearing if it is farther in x, y; z is kept."""
+def drawn_in(goal_m: Array, range_m: float) -> Array:
+    """The goal, brought to this distance along its bearing if it is farther in x, y; z is kept."""
     far = math.hypot(goal_m[0], goal_m[1])
-    if far <= GOAL_RANGE_M:
+    if far <= range_m:
         return goal_m
-    share = GOAL_RANGE_M / far
+    share = range_m / far
     near: Array = goal_m * np.array([share, share, 1.0])
     return near

@@ -14,9 +14,7 @@ from labr_autonomy.errors import BadInput
 
 ONNX_NAME, TENSORS_NAME, MANIFEST_NAME = "gkpn.onnx", "gkpn.safetensors", "manifest.json"
 FORMAT = 1
-REMEDY = (
-    "Restore the folder from the repository or export it again: python -m labr_autonomy.gkpn.train --weights"
-)
+REMEDY = "Restore the folder from the repository, or train anew: labr-mission train shipped --weights DIR"
 
 
 def packaged_dir() -> Path:

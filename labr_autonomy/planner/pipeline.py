@@ -10,6 +10,7 @@ from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import level_to_odom, odom_to_level, wrap_pi, yaw_of
 from labr_autonomy.gkpn.infer import GkpnOnnx
+from labr_autonomy.gkpn.local_map import local_map
 from labr_autonomy.modes.decision import classify, lift_off_distance_m
 from labr_autonomy.perception.fields import Field2, Field3
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
@@ -24,7 +25,7 @@ from labr_autonomy.refine.search import GOAL_SNAP_M, CostToGo
 from labr_autonomy.refine.values import AirState, LandState, RefineResult
 from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Pose, Source, Trajectory
 
-NETWORK_RANGE_M = 8.0  # farther goals are shown to the network at this distance, on the floor
+NETWORK_RANGE_M = 8.0  # farther goals are shown to the network at most at this distance, on the floor
 FAR_M = 3.0 * NETWORK_RANGE_M  # a key point farther away than this is not meant
 GOAL_JOIN_M = 0.6  # a path that ends this near the goal ends at it
 ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow
@@ -109,7 +110,9 @@ class Pipeline:
         if frame is None:
             points, mu = straight, 1.0  # no image: a path that is not to be used
         else:
-            points, mu, _ = self._network.predict(frame.depth_m, frame.intrinsics, level)
+            seen = local_map(self._map, pose, request.floor_z_m) if self._network.takes_map else None
+            floor_m = request.floor_z_m + self._config.body.below_m - float(pose.position_m[2])
+            points, mu, _ = self._network.predict(frame.depth_m, frame.intrinsics, level, seen, floor_m)
             sane = np.isfinite(points).all() and np.abs(points).max() < FAR_M and 0.0 <= mu <= 1.0
             if not sane:  # not a path: as if there were no image
                 points, mu = straight, 1.0
@@ -127,8 +130,9 @@ class Pipeline:
         )
         away = goal[:2] - request.body_pose.position_m[:2]
         distance = float(np.hypot(*away))
-        if distance > NETWORK_RANGE_M:
-            goal[:2] = request.body_pose.position_m[:2] + away * NETWORK_RANGE_M / distance
+        range_m = min(NETWORK_RANGE_M, self._network.range_m)
+        if distance > range_m:
+            goal[:2] = request.body_pose.position_m[:2] + away * range_m / distance
             goal[2] = drive_z_m
         return goal
 

@@ -79,9 +79,9 @@ def test_a_goal_that_is_no_place_is_refused(net):
 
 
 def test_far_goals_are_drawn_in_along_their_bearing_and_keep_their_height():
-    np.testing.assert_allclose(drawn_in(np.array([18.0, 24.0, 1.5])), [5.4, 7.2, 1.5])
+    np.testing.assert_allclose(drawn_in(np.array([18.0, 24.0, 1.5]), 9.0), [5.4, 7.2, 1.5])
     near = np.array([3.0, -4.0, 2.0])
-    assert drawn_in(near) is near
+    assert drawn_in(near, 9.0) is near
 
 
 def test_the_same_view_from_another_camera_gives_nearly_the_same_network_image():

@@ -23,6 +23,7 @@ class PerceptionConfig:
     edges: bool = True  # the Sobel branch of SPN beside the plain one
     repeated: int = 1  # channels that the image is repeated to in the plain branch; 3 as published
     stem: int = 16  # channels of each branch
+    stem_px: int = 7  # side of its convolution
     stages: tuple[int, ...] = (32, 64, 128, 160)
     blocks: tuple[int, ...] = (1, 2, 2, 1)
     strides: tuple[int, ...] = (1, 2, 2, 1)
@@ -54,7 +55,9 @@ class MapConfig:
     """The second input: what has been seen lately, from above, in the level frame (`gkpn.local_map`)."""
 
     perception: PerceptionConfig = field(
-        default_factory=lambda: PerceptionConfig(False, 1, 16, (24, 48, 64), (1, 1, 1), (1, 2, 2), True)
+        default_factory=lambda: PerceptionConfig(
+            edges=False, stem=12, stem_px=5, stages=(24, 48), blocks=(1, 1), strides=(1, 2)
+        )
     )
     embed: int = 48
     tail: int = 24

@@ -11,8 +11,6 @@ from torch.nn import functional
 
 from labr_autonomy.gkpn.networks.config import PerceptionConfig
 
-STEM_PX = 7
-
 
 def conv(inputs: int, outputs: int, size: int, stride: int, norm: bool) -> nn.Module:
     """Convolution that keeps the size (but for the stride), with batch norm or without."""
@@ -36,11 +34,11 @@ class Residual(nn.Module):  # type: ignore[misc]  # torch is untyped here
 
 
 class Branch(nn.Module):  # type: ignore[misc]  # torch is untyped here
-    """Convpool: a 7x7 convolution and a 3x3 maximum, each with stride 2."""
+    """Convpool: a convolution (7x7 as published) and a 3x3 maximum, each with stride 2."""
 
-    def __init__(self, inputs: int, outputs: int, norm: bool) -> None:
+    def __init__(self, inputs: int, outputs: int, size: int, norm: bool) -> None:
         super().__init__()
-        self.conv = conv(inputs, outputs, STEM_PX, 2, norm)
+        self.conv = conv(inputs, outputs, size, 2, norm)
 
     def forward(self, x: Tensor) -> Tensor:
         """(b, inputs, h, w) to (b, outputs, h / 4, w / 4)."""
@@ -76,9 +74,9 @@ class Perception(nn.Module):  # type: ignore[misc]  # torch is untyped here
     def __init__(self, config: PerceptionConfig, inputs: int = 1) -> None:
         super().__init__()
         self.repeated = config.repeated
-        self.plain = Branch(inputs * config.repeated, config.stem, config.norm)
+        self.plain = Branch(inputs * config.repeated, config.stem, config.stem_px, config.norm)
         self.sobel = Sobel() if config.edges else None
-        self.edges = Branch(2, config.stem, config.norm) if config.edges else None
+        self.edges = Branch(2, config.stem, config.stem_px, config.norm) if config.edges else None
         channels, layers = config.stem * (2 if config.edges else 1), []
         for width, count, stride in zip(config.stages, config.blocks, config.strides, strict=True):
             for i in range(count):

@@ -13,6 +13,7 @@ from labr_autonomy.errors import BadInput
 from labr_autonomy.gkpn.networks.config import (
     AttentionConfig,
     ConcatConfig,
+    MapConfig,
     NetworkConfig,
     PerceptionConfig,
 )
@@ -51,7 +52,35 @@ ABLATION: dict[str, NetworkConfig] = {
     "gkpn-160": NetworkConfig(),
 }
 
-NETWORKS: dict[str, NetworkConfig] = {**PAPER, **ABLATION}
+_LABR = NetworkConfig(
+    perception=PerceptionConfig(
+        stem=8, stem_px=5, stages=(24, 48, 96, 128), blocks=(1, 1, 1, 1), strides=(2, 1, 2, 1)
+    ),
+    planning=AttentionConfig(embed=64, tail=32),
+    map=MapConfig(),
+    hypotheses=3,
+)
+
+# What ships, and what it loses without each of its additions.
+OURS: dict[str, NetworkConfig] = {
+    "labr": _LABR,
+    "labr-blind": replace(_LABR, map=None),
+    "labr-single": replace(_LABR, hypotheses=1),
+}
+
+# The baseline of the benchmark, at a size that can be trained here: published layers at a quarter of their
+# widths, half the image's sides.
+BASELINE: dict[str, NetworkConfig] = {
+    "iplanner-320": replace(
+        PAPER["iplanner"],
+        height=180,
+        width=320,
+        perception=replace(_RESNET, repeated=1, stem=16, stages=(16, 32, 64, 128)),
+        planning=ConcatConfig(goal=16, tail=(128, 64), hidden=(256, 128), fear=32),
+    ),
+}
+
+NETWORKS: dict[str, NetworkConfig] = {**PAPER, **ABLATION, **OURS, **BASELINE}
 
 
 def find_network(name: str) -> NetworkConfig:

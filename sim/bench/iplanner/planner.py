@@ -3,7 +3,8 @@
 As published (leggedrobotics/iPlanner @ 4a8d823): no map, no memory but the fear counter, no recovery. The
 network answers in the frame of the image it saw, so the path is placed by the pose at that image. Its frame
 is the body's, as in training, so the sensor's offset adds no key point. A goal beyond the training data, in
-distance or bearing, is shown at its edge: the follower turns towards the path, and the goal comes into view.
+distance (`gkpn.infer`) or bearing, is shown at its edge: the follower turns towards the path, and the goal
+comes into view.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ import numpy as np
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import level_to_odom, odom_to_level
-from labr_autonomy.gkpn.infer import drawn_in
 from labr_autonomy.gkpn.spline import path_points
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
 from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Source, Trajectory
@@ -112,8 +112,8 @@ class IPlannerPlanner:
 
 
 def shown(goal_m: Array) -> Array:
-    """The goal (3,), level frame, brought into the training data's range of bearing and distance."""
+    """The goal (3,), level frame, brought into the training data's range of bearing."""
     bearing = math.atan2(goal_m[1], goal_m[0])
     held = min(max(bearing, -BEARING_MAX_RAD), BEARING_MAX_RAD)
     away = math.hypot(goal_m[0], goal_m[1])
-    return drawn_in(np.array([away * math.cos(held), away * math.sin(held), goal_m[2]]))
+    return np.array([away * math.cos(held), away * math.sin(held), goal_m[2]])
