@@ -40,10 +40,12 @@ SHARES = np.linspace(0.2, 1.0, 5)[:, None]
 class Line:
     """Straight to the goal on the floor and up at its end; or aside by a share `bend` of the way."""
 
+    takes_map, range_m = False, 9.0
+
     def __init__(self, mu=0.0, bend=0.0, heights_m=None):
         self.mu, self.bend, self.heights_m, self.goals = mu, bend, heights_m, []
 
-    def predict(self, depth_m, intrinsics, goal_level_m):
+    def predict(self, depth_m, intrinsics, goal_level_m, seen=None, floor_m=0.0):
         self.goals.append(goal_level_m)
         keys = SHARES * [goal_level_m[0], goal_level_m[1], 0.0]
         keys += self.bend * np.sin(math.pi * SHARES) * [-goal_level_m[1], goal_level_m[0], 0.0]
@@ -61,7 +63,7 @@ class MapLine(Line):
 
     def predict(self, depth_m, intrinsics, goal_level_m, seen=None, floor_m=0.0):
         self.seen, self.floor_m = seen, floor_m
-        return super().predict(depth_m, intrinsics, goal_level_m)
+        return super().predict(depth_m, intrinsics, goal_level_m, seen, floor_m)
 
 
 # ---------------------------------------------------------------- whole flights
@@ -230,6 +232,23 @@ def test_what_is_no_path_is_feared():
     plans = [planner.cycle(request([4.0, 0.0, 0.0]), frame(k)) for k in range(4)]
     assert plans[-1].source is Source.BRAKE
     assert all(np.isfinite(p.trajectory.position_m).all() for p in plans)
+
+
+def test_a_network_that_fears_the_whole_way_is_asked_for_its_beginning():
+    class Timid(Line):
+        def predict(self, depth_m, intrinsics, goal_level_m, seen=None, floor_m=0.0):
+            self.mu = 0.9 if np.hypot(*goal_level_m[:2]) > 4.0 else 0.1
+            return super().predict(depth_m, intrinsics, goal_level_m, seen, floor_m)
+
+    network = Timid()
+    planner = AlonePlanner(ROBOT, network)
+    plans = [planner.cycle(request([20.0, 0.0, 1.4], in_air=True), frame(k)) for k in range(6)]
+    assert plans[-1].source is Source.GKPN
+    np.testing.assert_allclose([g[0] for g in network.goals[:3]], [9.0, 5.4, 3.15], atol=1e-6)
+    assert network.goals[0][2] == 0.0  # shown on the floor while it is out of range
+    near = AlonePlanner(ROBOT, Line())
+    near.cycle(request([5.0, 0.0, 1.4], in_air=True), frame())
+    assert near._network._network.goals[0][2] == pytest.approx(1.4 - BELOW_M)
 
 
 @pytest.mark.slow

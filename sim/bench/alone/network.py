@@ -2,35 +2,44 @@
 
 from __future__ import annotations
 
-import inspect
 import math
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import odom_to_level
-from labr_autonomy.gkpn.infer import GOAL_RANGE_M
-from labr_autonomy.gkpn.local_map import local_map
+from labr_autonomy.gkpn.local_map import LocalMap, local_map
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner.messages import PlanRequest
-from labr_autonomy.types import Array, DepthFrame
+from labr_autonomy.types import Array, DepthFrame, Image, Intrinsics, Mode
+from sim.bench.iplanner.fear import THRESHOLD
 from sim.bench.iplanner.planner import shown
 
 FAR_M = 27.0  # a key point farther away than this is not meant: three times the farthest goal shown
+# A network that fears the whole way may know its beginning: it is asked for these parts of its range in turn.
+NEARER = (1.0, 0.6, 0.35)
 
 
 class Network(Protocol):
-    """A network that plans from the image; `labr_autonomy.gkpn.infer.PlanningOnnx` is one.
+    """A planning network; `labr_autonomy.gkpn.infer.PlanningOnnx` is one, and says what these mean."""
 
-    Where its attribute `takes_map` is true it is given the local map as `seen`; where `predict` has an
-    argument `floor_m` it is told the height of driving, level frame; its attribute `range_m`, where it has
-    one, is the farthest goal that it knows.
-    """
+    range_m: float
 
     @property
-    def predict(self) -> Any:
-        """From depth [m], intrinsics and goal: key points (5, 3) level frame [m], mu 0..1, seconds taken."""
+    def takes_map(self) -> bool:
+        """Whether it wants to be shown what has been seen lately."""
+        ...
+
+    def predict(
+        self,
+        depth_m: Image,
+        intrinsics: Intrinsics,
+        goal_level_m: Array,
+        seen: LocalMap | None = None,
+        floor_m: float = 0.0,
+    ) -> tuple[Array, float, float]:
+        """Key points (5, 3) level frame [m], mu 0..1, seconds taken."""
         ...
 
 
@@ -45,9 +54,7 @@ class Asked:
     def __init__(self, network: Network, config: RobotConfig) -> None:
         self._network = network
         self._below_m = config.body.below_m
-        self._range_m = float(getattr(network, "range_m", GOAL_RANGE_M))
-        self._told_floor = "floor_m" in inspect.signature(network.predict).parameters
-        self._map = RollingMap(config) if getattr(network, "takes_map", False) else None
+        self._map = RollingMap(config) if network.takes_map else None
         if self._map is not None:
             warm_up()
 
@@ -63,23 +70,30 @@ class Asked:
         What is no path, not finite or beyond `FAR_M`, is one that leads nowhere and is feared.
         """
         pose, drive_z_m = request.frame_pose, request.floor_z_m + self._below_m
-        more: dict[str, Any] = {}
-        if self._told_floor:
-            more["floor_m"] = drive_z_m - float(pose.position_m[2])
-        if self._map is not None:
-            more["seen"] = local_map(self._map, pose, request.floor_z_m)
-        goal = self._shown(request, drive_z_m)
-        points, mu, _ = self._network.predict(frame.depth_m, frame.intrinsics, goal, **more)
-        sane = np.isfinite(points).all() and np.abs(points).max() < FAR_M and 0.0 <= mu <= 1.0
-        return (points, mu) if sane else (np.zeros((5, 3)), 1.0)
+        seen = None if self._map is None else local_map(self._map, pose, request.floor_z_m)
+        floor_m = drive_z_m - float(pose.position_m[2])
+        first: tuple[Array, float] | None = None
+        for part in NEARER:
+            goal = self._shown(request, drive_z_m, part * self._network.range_m)
+            points, mu, _ = self._network.predict(frame.depth_m, frame.intrinsics, goal, seen, floor_m)
+            sane = np.isfinite(points).all() and np.abs(points).max() < FAR_M and 0.0 <= mu <= 1.0
+            said = (points, mu) if sane else (np.zeros((5, 3)), 1.0)
+            if said[1] <= THRESHOLD:
+                return said
+            first = first or said
+        assert first is not None
+        return first
 
-    def _shown(self, request: PlanRequest, drive_z_m: float) -> Array:
-        """The goal (3,), level frame, brought to the edge of the training data in bearing and distance.
+    def _shown(self, request: PlanRequest, drive_z_m: float, range_m: float) -> Array:
+        """The goal (3,), level frame, brought within a bearing and a distance that the network knows.
 
-        One on the floor is shown at the driving height of the robot's own floor.
+        One on the floor is shown at the driving height of the robot's own floor; so is one in the air that is
+        farther away, to a robot on its wheels.
         """
-        z_m = request.goal_m[2] if request.goal_in_air else drive_z_m
-        goal = shown(odom_to_level(np.array([*request.goal_m[:2], z_m]), request.frame_pose))
-        share = min(1.0, self._range_m / max(math.hypot(goal[0], goal[1]), 1e-9))
+        goal = shown(odom_to_level(request.goal_m, request.frame_pose))
+        away = math.hypot(goal[0], goal[1])
+        share = min(1.0, range_m / max(away, 1e-9))
         at: Array = goal * np.array([share, share, 1.0])
+        if not request.goal_in_air or (share < 1.0 and request.mode is Mode.LAND):
+            at[2] = drive_z_m - float(request.frame_pose.position_m[2])
         return at

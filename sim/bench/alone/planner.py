@@ -3,7 +3,8 @@
 Each image's key points become a spline, placed by the pose of that image. On land it is followed as the
 baseline iPlanner's is (same follower, same rule of fear), up to the last key point before the first one in
 the air; there the flight's own pilot takes off. In the air the spline is followed in space. There is no map
-of obstacles, no refiner and no recovery. Goals beyond the training data are shown at its edge.
+of obstacles, no refiner and no recovery. Goals beyond the training data are shown at its edge, and nearer
+where the network fears the way there (`network`).
 """
 
 from __future__ import annotations
