@@ -9,9 +9,6 @@ from __future__ import annotations
 import json
 import sys
 import traceback
-from collections.abc import Callable
-from importlib import import_module
-from importlib.util import find_spec as importlib_find
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +17,7 @@ import click
 from labr_autonomy import __version__
 from labr_autonomy.commands.bench import bench, difficulty_option
 from labr_autonomy.commands.dataset import dataset
+from labr_autonomy.commands.train import train
 from labr_autonomy.errors import BadInput, ExitCode, LabrError
 
 if TYPE_CHECKING:
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
 
 STANDING_M = 0.05  # lower than this above its driving height, the robot stands
 FAULT = 1  # exit code of an error in the program itself
-TORCH_HELP = "pip install torch==2.13.0 --index-url https://download.pytorch.org/whl/cpu"
 
 _file = click.Path(path_type=Path, dir_okay=False)
 _folder = click.Path(path_type=Path, file_okay=False)
@@ -251,6 +248,8 @@ def _serve_simulator(
 
 
 main.add_command(bench)
+main.add_command(dataset)
+main.add_command(train)
 
 
 @main.command()
@@ -262,31 +261,6 @@ def report(run: Path, as_json: bool) -> None:
 
     path = write_report(run)
     click.echo(json.dumps({"report": str(path)}) if as_json else path)
-
-
-def _passed_on(name: str, module: str, text: str, needs: str = "") -> None:
-    """A command that hands its arguments to another module's `main()`, which parses them itself."""
-
-    @main.command(
-        name,
-        help=text,
-        context_settings={"ignore_unknown_options": True, "help_option_names": []},
-        add_help_option=False,
-    )
-    @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-    def command(arguments: tuple[str, ...]) -> None:
-        if needs and importlib_find(needs) is None:
-            raise BadInput(f"{needs} is not installed", f"Install it as a CPU build: {TORCH_HELP}")
-        run: Callable[[], None] = import_module(module).main
-        kept, sys.argv = sys.argv, [f"labr-mission {name}", *arguments]
-        try:
-            run()
-        finally:
-            sys.argv = kept
-
-
-main.add_command(dataset)
-_passed_on("train", "labr_autonomy.gkpn.train", "Train GKPN; needs torch (arguments: --help).", needs="torch")
 
 
 def world_clearance(

@@ -94,9 +94,9 @@ def dataset(
         found, settings = recording_jobs(recordings, config)
         pieces += found
     else:
-        places = _places(family, worlds, worlds_dir)
+        places = find_worlds(family, worlds, worlds_dir)
         generated = any("family" in spec for spec in places.values())
-        _check_seeds(seed, scenes, any_seed=any_seed or not generated)
+        check_seeds(seed, scenes, any_seed=any_seed or not generated)
         made, settings = scene_jobs(places, seed, scenes, config)
         pieces += made
     processes = jobs or len(os.sched_getaffinity(0))
@@ -119,7 +119,7 @@ def dataset(
         click.echo(f"{len(skipped)} scenes gave nothing, first {skipped[0]['file']}: {skipped[0]['why']}")
 
 
-def _places(
+def find_worlds(
     family: str | None, worlds: tuple[Path, ...], worlds_dir: Path | None
 ) -> dict[str, dict[str, Any]]:
     """Worlds by name, as `build_world` takes them."""
@@ -143,7 +143,7 @@ def _places(
     return places
 
 
-def _check_seeds(seed: int, scenes: int, *, any_seed: bool) -> None:
+def check_seeds(seed: int, scenes: int, *, any_seed: bool) -> None:
     """Training worlds must never be those of the benchmark."""
     if seed < BENCH_SEEDS and not any_seed:
         raise BadInput(

@@ -11,14 +11,16 @@ import click
 from labr_autonomy.commands.checks import json_option, out_option
 from labr_autonomy.errors import BadInput
 
+TORCH_HELP = "pip install torch==2.13.0 --index-url https://download.pytorch.org/whl/cpu"
+
 
 def need_training() -> None:
     """Refuse in one sentence where the packages for training are missing."""
-    missing = [name for name in ("torch", "safetensors", "onnx") if find_spec(name) is None]
+    missing = [name for name in ("torch", "safetensors", "onnx", "tensorboard") if find_spec(name) is None]
     if missing:
         raise BadInput(
             f"the networks are built by {missing[0]}, which is not installed",
-            "Run: pip install 'labr-autonomy[train]'",
+            f"Run: {TORCH_HELP} && pip install 'labr-autonomy[train]'",
         )
 
 

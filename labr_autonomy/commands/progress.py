@@ -57,24 +57,39 @@ def _bar() -> Iterator[Callable[[Progress], None]]:
 @contextlib.contextmanager
 def show_steps(total: int, what: str, *, quiet: bool = False) -> Iterator[Callable[[], None]]:
     """Yields what is to be called after each of `total` steps of one kind; everything goes to stderr."""
-    if quiet or not total:
-        yield lambda: None
-    elif sys.stderr.isatty():
-        from rich.console import Console
-        from rich.progress import Progress as Bar
-
-        with Bar(console=Console(stderr=True)) as bar:
-            task = bar.add_task(what, total=total)
-            yield lambda: bar.advance(task)
-    else:
-        lines, done = _Lines(), 0
+    with show_count(total, what, quiet=quiet) as say:
+        done = 0
 
         def step() -> None:
             nonlocal done
             done += 1
-            lines.say(done, total, f"{what}: {done}/{total}")
+            say(done, "")
 
         yield step
+
+
+@contextlib.contextmanager
+def show_count(total: int, what: str, *, quiet: bool = False) -> Iterator[Callable[[int, str], None]]:
+    """Yields what is to be called with how many of `total` are done, and words; all goes to stderr."""
+    if quiet or not total:
+        yield lambda done, words: None
+    elif sys.stderr.isatty():
+        from rich import progress as rich_progress
+        from rich.console import Console
+
+        columns = (
+            rich_progress.TextColumn(f"{what} {{task.completed:.0f}}/{total}"),
+            rich_progress.BarColumn(),
+            rich_progress.TextColumn("left"),
+            rich_progress.TimeRemainingColumn(compact=True),
+            rich_progress.TextColumn("{task.fields[words]}"),
+        )
+        with rich_progress.Progress(*columns, console=Console(stderr=True)) as bar:
+            task = bar.add_task("", total=total, words="")
+            yield lambda done, words: bar.update(task, completed=done, words=words)
+    else:
+        lines = _Lines()
+        yield lambda done, words: lines.say(done, total, f"{what}: {done}/{total}  {words}".rstrip())
 
 
 class _Lines:
