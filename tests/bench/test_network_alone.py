@@ -192,10 +192,10 @@ def test_goals_are_shown_at_the_edge_and_those_on_the_floor_at_driving_height():
     network = Line()
     planner = AlonePlanner(ROBOT, network)
     planner.cycle(request([20.0, 0.0, 0.7]), frame())
-    planner.cycle(request([20.0, 0.0, 1.62], in_air=True), frame(1))
+    planner.cycle(request([20.0, 0.0, 1.62], at=(0.0, 0.0, 1.0), mode=Mode.AIR, in_air=True), frame(1))
     planner.cycle(request([-5.0, 0.1, 0.0]), frame(2))
     np.testing.assert_allclose(network.goals[0], [9.0, 0.0, 0.0], atol=1e-9)
-    np.testing.assert_allclose(network.goals[1], [9.0, 0.0, 1.5], atol=1e-9)
+    np.testing.assert_allclose(network.goals[1], [9.0, 0.0, 0.62], atol=1e-9)
     assert math.atan2(*network.goals[2][1::-1]) == pytest.approx(BEARING_MAX_RAD)
 
 

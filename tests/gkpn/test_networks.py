@@ -29,7 +29,8 @@ from labr_autonomy.gkpn.onnx_file import onnx_bytes  # noqa: E402
 TINY = PerceptionConfig(stem=4, stages=(8, 8, 8, 8), blocks=(1, 1, 1, 1))
 ATTENTION = AttentionConfig(embed=8, tail=8, hidden=(16, 16), fear=8)
 CONCAT = ConcatConfig(goal=4, tail=(8, 8), hidden=(16, 16), fear=8)
-SMALL_MAP = MapConfig(PerceptionConfig(False, 1, 4, (8, 8, 8), (1, 1, 1), (1, 2, 2)), 8, 8)
+TINY_MAP = PerceptionConfig(edges=False, stem=4, stages=(8, 8, 8), blocks=(1, 1, 1), strides=(1, 2, 2))
+SMALL_MAP = MapConfig(TINY_MAP, 8, 8)
 TINY_NETWORKS = [
     NetworkConfig(perception=TINY, planning=ATTENTION),
     NetworkConfig(perception=replace(TINY, edges=False), planning=CONCAT, from_line=False, unit_m=1.0),
