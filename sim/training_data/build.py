@@ -23,7 +23,7 @@ from labr_autonomy.types import DepthFrame, Image, Mode
 from sim.bench.known import Known, know
 from sim.camera.process import Eye
 from sim.camera.renderer import make_renderer
-from sim.training_data.fields import LandTruth, air_truth, land_truth
+from sim.training_data.fields import AirTruth, LandTruth, air_truth, land_truth
 from sim.training_data.goals import Goals, draw_goals
 from sim.training_data.walks import Stop, Walker
 
@@ -32,6 +32,8 @@ VIEWS_A_WALK = 12
 FLYING_SHARE = 0.3  # of the views
 WALKS_WITHOUT_VIEW = 40
 PLACE_M = 2.0  # a view in the air has a place to stand within this, seen from above
+FLIGHT_M = 1.2  # above the floor: the layer in which ways in the air are measured from the wheels
+LAYER_HALF_M = 8.0
 _KIND, _WALKS, _NOISE, _GOALS = 11, 12, 13, 14  # streams of random numbers
 
 
@@ -87,11 +89,11 @@ def build_scene(
         BadInput: when the world offers no walk with goals.
     """
     known = know(spec, robot)
+    air = air_truth(known)
     with closing(make_renderer(known.world, robot.camera.intrinsics, robot.camera.range_max_m)) as renderer:
         noise = int(np.random.default_rng([seed, _NOISE]).integers(1 << 31))
         eye = Eye(renderer, robot.camera, seed=noise)
-        views = _views(known, eye, seed, config, robot)
-    air_cm, origin_m, cell_m = air_truth(known)
+        views = _views(known, air, eye, seed, config, robot)
     below = robot.body.below_m
     stops = [view.stop for view in views]
     return Shard(
@@ -105,15 +107,17 @@ def build_scene(
         land_cm=np.array([view.land.distance_cm for view in views], np.int8),
         floors_cm=np.array([view.land.floors_cm for view in views], np.int16),
         land_corner_m=np.array([view.land.corner_m for view in views], np.float32),
-        air_cm=air_cm,
-        air_origin_m=origin_m.astype(np.float32),
-        air_cell_m=cell_m,
+        air_cm=air.distance_cm,
+        air_origin_m=air.origin_m.astype(np.float32),
+        air_cell_m=air.cell_m,
         family=name,
         seed=seed,
     )
 
 
-def _views(known: Known, eye: Eye, seed: int, config: SceneConfig, robot: RobotConfig) -> list[_View]:
+def _views(
+    known: Known, air: AirTruth, eye: Eye, seed: int, config: SceneConfig, robot: RobotConfig
+) -> list[_View]:
     if len(known.places_m) < 2:
         raise BadInput(
             f"the world '{known.world.name}' has no place to stand on", "Check its scale and its up axis."
@@ -126,7 +130,7 @@ def _views(known: Known, eye: Eye, seed: int, config: SceneConfig, robot: RobotC
         wanted = min(VIEWS_A_WALK, config.views - len(views))
         flown = sum(view.stop.mode is Mode.AIR for view in views)
         flying = flown + VIEWS_A_WALK * dice < FLYING_SHARE * (len(views) + VIEWS_A_WALK)
-        found = _walk(known, walker.walk(flying), eye, wanted, rng, config, robot)
+        found = _walk(known, air, walker.walk(flying), eye, wanted, rng, config, robot)
         views += found
         idle = 0 if found else idle + 1
         if idle >= WALKS_WITHOUT_VIEW:
@@ -139,6 +143,7 @@ def _views(known: Known, eye: Eye, seed: int, config: SceneConfig, robot: RobotC
 
 def _walk(
     known: Known,
+    air: AirTruth,
     stops: list[Stop],
     eye: Eye,
     wanted: int,
@@ -159,7 +164,10 @@ def _walk(
         if place is None:
             continue
         land = land_truth(known, stop.pose.position_m[:2], stop.floor_z_m, known.places_m[place])
-        goals = draw_goals(known, stop, land, config.goals, rng, robot)
+        here = stop.pose.position_m
+        flight_z_m = float(here[2]) if stop.mode is Mode.AIR else stop.floor_z_m + FLIGHT_M
+        layer = air.layer(here[:2], flight_z_m, LAYER_HALF_M)
+        goals = draw_goals(known, stop, land, layer, config.goals, rng, robot)
         if goals is None:
             continue
         image_m = network_image(depth_m, intrinsics, config.width, config.height)

@@ -36,6 +36,12 @@ class LandTruth:
     floors_cm: NDArray[np.int16]  # (LAND_SIDE, LAND_SIDE) above the floor under the robot
     corner_m: Array  # (2,)
 
+    @property
+    def coarse(self) -> Field2:
+        """`distance_cm` as a field."""
+        distance_m = self.distance_cm.astype(np.float32) * np.float32(0.01)
+        return Field2(distance_m, np.ones(distance_m.shape, np.bool_), self.corner_m, LAND_CELL_M)
+
 
 def land_truth(known: Known, xy_m: Array, floor_z_m: float, place_m: Array) -> LandTruth:
     """Truth on land around a view.
@@ -80,8 +86,29 @@ def centimetres(distance_m: NDArray[np.floating]) -> NDArray[np.int8]:
     return out
 
 
-def air_truth(known: Known) -> tuple[NDArray[np.int8], Array, float]:
-    """Signed distance [cm] of voxel centres to any surface (nx, ny, nz), its origin (3,) and its cell [m]."""
+@dataclass(frozen=True, slots=True)
+class AirTruth:
+    """The air of a scene."""
+
+    distance_cm: NDArray[np.int8]  # (nx, ny, nz) signed, of voxel centres to any surface
+    origin_m: Array  # (3,) odom
+    cell_m: float
+
+    def layer(self, xy_m: Array, z_m: float, half_m: float) -> Field2 | None:
+        """Distances at one height around a place (2,); None above and below the field."""
+        k = math.floor((z_m - float(self.origin_m[2])) / self.cell_m)
+        if not 0 <= k < self.distance_cm.shape[2]:
+            return None
+        at = np.floor((np.asarray(xy_m) - self.origin_m[:2]) / self.cell_m).astype(int)
+        n, limit = math.ceil(half_m / self.cell_m), np.array(self.distance_cm.shape[:2])
+        low = np.clip(at - n, 0, limit - 2)
+        high = np.clip(at + n, low + 2, limit)
+        cut = self.distance_cm[low[0] : high[0], low[1] : high[1], k].astype(np.float32) * np.float32(0.01)
+        return Field2(cut, np.ones(cut.shape, np.bool_), self.origin_m[:2] + low * self.cell_m, self.cell_m)
+
+
+def air_truth(known: Known) -> AirTruth:
+    """Signed distances in the air of a scene."""
     free = known.free
     cell, origin = free.voxel_m, free.origin_m
     distance = np.full(free.distance_m.shape, np.float32(EXACT_M))
@@ -90,10 +117,10 @@ def air_truth(known: Known) -> tuple[NDArray[np.int8], Array, float]:
     distance[beyond] = np.maximum(free.distance_m[beyond], np.float32(EXACT_M))
     reached = _reached(known, distance)
     if reached.all() or not reached.any():
-        return centimetres(distance if reached.any() else -distance), origin, cell
+        return AirTruth(centimetres(distance if reached.any() else -distance), origin, cell)
     depth = (distance_to(reached, True) - np.float32(0.5)) * np.float32(cell)
     near_m = np.where(beyond, np.float32(0.0), distance)
-    return centimetres(np.where(reached, distance, -np.maximum(depth, near_m))), origin, cell
+    return AirTruth(centimetres(np.where(reached, distance, -np.maximum(depth, near_m))), origin, cell)
 
 
 def _reached(known: Known, distance_m: NDArray[np.float32]) -> NDArray[np.bool_]:

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import odom_to_level
+from labr_autonomy.perception.fields import Field2
+from labr_autonomy.refine.search import CostToGo
 from labr_autonomy.types import Array, Mode
 from sim.bench.known import Known
 from sim.training_data.fields import LandTruth
@@ -26,6 +28,8 @@ UNSEEN_WEIGHT = 0.6  # of a goal outside the camera's view, against one inside
 BLOCKED_M = 0.02  # of clearance that a straight flight must keep
 LAND_BLOCKED_M = 0.01  # that a straight drive may lack, by the field, whose cells are that coarse
 STEP_M = 0.1
+# A goal farther round than this is no matter of key points: it wants a search on a map, or a memory.
+DETOUR, DETOUR_M = 1.5, 0.8  # of the straight line, and besides
 CANDIDATES = 48  # of each kind, of which `count / 2` are taken
 
 
@@ -39,17 +43,25 @@ class Goals:
 
 
 def draw_goals(
-    known: Known, stop: Stop, land: LandTruth, count: int, rng: np.random.Generator, robot: RobotConfig
+    known: Known,
+    stop: Stop,
+    land: LandTruth,
+    layer: Field2 | None,
+    count: int,
+    rng: np.random.Generator,
+    robot: RobotConfig,
 ) -> Goals | None:
-    """Goals that can be reached from a stop, those on land first; None where there is none at all.
+    """Goals that can be reached from a stop without much of a detour, those on land first; None without any.
 
     Half are on land and half in the air, all of one kind where there is none of the other; of each kind half
     have a blocked straight line, as far as there are such.
     """
     kinds = [(_on_land(known, stop, land, robot), False), (_in_air(known, stop), True)]
     found = []
+    ways = _ways(stop, land, layer, robot)
     for spots, in_air in kinds:
         spots = spots[_drawn(spots, stop, rng, robot)]
+        spots = spots[_on_the_way(spots, stop, ways if in_air else ways[:1])]
         if in_air:
             spots = spots + rng.uniform(-0.08, 0.08, spots.shape)
             spots = spots[known.surface.clear(spots, AIR_CLEAR_M)]
@@ -108,6 +120,23 @@ def _in_air(known: Known, stop: Stop) -> Array:
     spots = cells[near & (rise >= STOREY_M[0]) & (rise <= STOREY_M[1])]
     at = np.floor((spots - air.origin_m) / air.cell_m).astype(int)
     out: Array = spots[air.room_m[tuple(at.T)] >= AIR_ROOM_M]
+    return out
+
+
+def _ways(stop: Stop, land: LandTruth, layer: Field2 | None, robot: RobotConfig) -> list[CostToGo]:
+    """How far it is from the stop to everywhere: driven, and flown in one layer of the air."""
+    here = stop.pose.position_m[:2]
+    ways = [CostToGo(land.coarse, here, robot.body.radius_m - LAND_BLOCKED_M)]
+    if layer is not None:
+        ways.append(CostToGo(layer, here, robot.body.radius_m + BLOCKED_M))
+    return ways
+
+
+def _on_the_way(spots: Array, stop: Stop, ways: list[CostToGo]) -> NDArray[np.bool_]:
+    """Which spots (n, 3) have a way that is not much longer than the straight line, (n,)."""
+    straight_m = np.hypot(*(spots[:, :2] - stop.pose.position_m[:2]).T)
+    way_m = np.array([min(way.cost_m(spot[:2]) for way in ways) for spot in spots])
+    out: NDArray[np.bool_] = way_m <= DETOUR * straight_m + DETOUR_M
     return out
 
 

@@ -8,7 +8,8 @@ from training_worlds import BELOW_M, ROBOT, block, drop_world, known_of, place_n
 
 from labr_autonomy.frames import level_to_odom, quaternion_from_rpy
 from labr_autonomy.types import Mode, Pose
-from sim.training_data.fields import land_truth
+from sim.training_data.build import FLIGHT_M, LAYER_HALF_M
+from sim.training_data.fields import air_truth, land_truth
 from sim.training_data.goals import draw_goals
 from sim.training_data.walks import Stop, Walker
 from sim.worlds.meshes import flat
@@ -29,12 +30,20 @@ def hovering(known, x, y, z):
     return Stop(pose, (0.0, 0.0, 0.0), floor, Mode.AIR, int(known.cells_reach[cell]), view=True)
 
 
+def layer_of(known, stop):
+    """The layer of the air in which ways are measured, as `build` takes it."""
+    place = stop.pose.position_m
+    z_m = place[2] if stop.mode is Mode.AIR else stop.floor_z_m + FLIGHT_M
+    return air_truth(known).layer(place[:2], float(z_m), LAYER_HALF_M)
+
+
 def goals_of(known, stop, count=16, turns=6):
     """Goals in odom (n, 3), and whether they are in the air and hard, over several draws."""
     place = place_near(known, *stop.pose.position_m[:2])
     land = land_truth(known, stop.pose.position_m[:2], stop.floor_z_m, place)
     found = [
-        draw_goals(known, stop, land, count, np.random.default_rng(seed), ROBOT) for seed in range(turns)
+        draw_goals(known, stop, land, layer_of(known, stop), count, np.random.default_rng(seed), ROBOT)
+        for seed in range(turns)
     ]
     odom = np.concatenate([level_to_odom(goals.level_m, stop.pose) for goals in found])
     return odom, np.concatenate([g.in_air for g in found]), np.concatenate([g.hard for g in found])
@@ -88,7 +97,7 @@ def test_without_any_place_for_a_goal_there_is_none():
     known = known_of(flat((-0.9, -0.9), (0.9, 0.9), 0.0), *walls)
     stop = standing(known, 0.0, 0.0)
     land = land_truth(known, stop.pose.position_m[:2], 0.0, stop.pose.position_m)
-    assert draw_goals(known, stop, land, 4, np.random.default_rng(1), ROBOT) is None
+    assert draw_goals(known, stop, land, None, 4, np.random.default_rng(1), ROBOT) is None
 
 
 def test_on_a_ramp_the_robot_lies_as_the_ramp_does():
@@ -132,3 +141,19 @@ def test_a_walk_begins_looking_anywhere_and_then_along_the_way(parted):
         yaw = np.array([stop.rpy_rad[2] for stop in walk])[1:]
         off.append(np.abs(np.angle(np.exp(1j * (np.arctan2(moved[:, 1], moved[:, 0]) - yaw))))[going])
     assert np.median(np.concatenate(off)) < math.radians(25)
+
+
+def test_a_goal_far_round_is_left_to_the_map_and_one_over_a_low_wall_is_not():
+    walls = [block(x, -6, x + 0.2, 6, 0, 3.6) for x in (-3.2, 6.0)]
+    walls += [block(-3.2, y, 6.2, y + 0.2, 0, 3.6) for y in (-6.2, 6.0)]
+    room = flat((-3.2, -6.2), (6.2, 6.2), 0.0)
+    high = known_of(room, *walls, block(1.0, -5.0, 1.2, 6.0, 0, 3.6))  # open at its southern end alone
+    low = known_of(room, *walls, block(1.0, -5.0, 1.2, 6.0, 0, 0.6))
+    beyond = {}
+    for name, known in (("high", high), ("low", low)):
+        goals, in_air, _ = goals_of(known, standing(known, -0.5, 3.0))
+        near = (goals[:, 0] > 1.3) & (goals[:, 1] > 1.0)  # behind the wall, a long way round
+        beyond[name] = int((near & ~in_air).sum()), int((near & in_air).sum())
+    assert beyond["high"] == (0, 0)
+    assert beyond["low"][0] == 0
+    assert beyond["low"][1] > 3

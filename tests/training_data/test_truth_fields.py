@@ -79,7 +79,8 @@ def test_a_ramp_is_no_obstacle_its_height_is_known_and_a_block_on_it_is_one():
 
 
 def test_the_distance_in_the_air_is_exact_near_the_block_and_negative_in_it_and_under_the_floor(boxed):
-    air_cm, origin_m, cell_m = air_truth(boxed)
+    air = air_truth(boxed)
+    air_cm, origin_m, cell_m = air.distance_cm, air.origin_m, air.cell_m
     shape = air_cm.shape
     index = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1)
     p = origin_m + (index + 0.5) * cell_m
@@ -106,7 +107,8 @@ def over_xy(p):
 
 
 def test_a_straight_line_through_the_block_meets_negative_distances(boxed):
-    air_cm, origin_m, cell_m = air_truth(boxed)
+    air = air_truth(boxed)
+    air_cm, origin_m, cell_m = air.distance_cm, air.origin_m, air.cell_m
     x = np.linspace(-3.0, 3.0, 121)
     line = np.column_stack([x, np.zeros_like(x), np.full_like(x, 0.5 + BELOW_M)])
     at = np.floor((line - origin_m) / cell_m).astype(int)
