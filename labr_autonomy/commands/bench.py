@@ -49,6 +49,14 @@ _common: list[Callable[[Any], Any]] = [
     ),
     click.option("--no-pictures", is_flag=True, help="Write the tables only."),
 ]
+world_option = click.option(
+    "--world",
+    "worlds",
+    type=click.Path(path_type=Path, dir_okay=False),
+    multiple=True,
+    metavar="FILE.yaml",
+    help="A mesh world: a file, or a name: workshop.yaml, small_house.yaml, ... May be repeated.",
+)
 worlds_dir_option = click.option(
     "--worlds",
     "worlds_dir",
@@ -71,14 +79,7 @@ def bench() -> None:
 
 @bench.command()
 @family_option
-@click.option(
-    "--world",
-    "worlds",
-    type=click.Path(path_type=Path, dir_okay=False),
-    multiple=True,
-    metavar="FILE.yaml",
-    help="A mesh world: a file, or a name: workshop.yaml, small_house.yaml, ... May be repeated.",
-)
+@world_option
 @click.option(
     "--trials", type=click.IntRange(1, 100_000), default=100, metavar="N", help="In each world kind."
 )

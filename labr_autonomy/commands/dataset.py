@@ -9,6 +9,8 @@ from typing import Any
 
 import click
 
+from labr_autonomy.commands.bench import world_option, worlds_dir_option
+from labr_autonomy.commands.checks import json_option
 from labr_autonomy.errors import BadInput
 
 FAMILIES = "indoor,rooms,garage,forest"
@@ -22,15 +24,8 @@ _folder = click.Path(path_type=Path, file_okay=False)
 @click.command()
 @click.argument("folder", type=_folder)
 @click.option("--family", metavar="F[,F..]", help=f"Generated worlds (default: {FAMILIES}); also hall.")
-@click.option(
-    "--world",
-    "worlds",
-    type=click.Path(path_type=Path, dir_okay=False),
-    multiple=True,
-    metavar="FILE.yaml",
-    help="A mesh world: a file, or a name: workshop.yaml, small_house.yaml, ... May be repeated.",
-)
-@click.option("--worlds", "worlds_dir", type=_folder, metavar="DIR", help="Folder with mesh worlds.")
+@world_option
+@worlds_dir_option
 @click.option("--scenes", type=click.IntRange(1, 1_000_000), default=100, metavar="N", help="In all.")
 @click.option("--views", type=click.IntRange(1, 10_000), default=96, metavar="V", help="Of each scene.")
 @click.option("--goals", type=click.IntRange(1, 1000), default=8, metavar="K", help="Of each view.")
@@ -57,7 +52,7 @@ _folder = click.Path(path_type=Path, file_okay=False)
     metavar="DIR",
     help="Convert recordings in iPlanner's own layout instead.",
 )
-@click.option("--json", "as_json", is_flag=True, help="JSON on stdout, for machines.")
+@json_option
 @click.option("--quiet", is_flag=True, help="No live line.")
 def dataset(
     folder: Path,

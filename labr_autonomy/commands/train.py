@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from labr_autonomy.gkpn.networks.planner import PlanningNetwork
 
 _folder = click.Path(path_type=Path, file_okay=False)
-Progress = Callable[[int, str], None]
 
 
 @click.command()
@@ -73,7 +72,7 @@ def train(
         return show_count(total, what, quiet=silent)
 
     if machine.leads:
-        _make_data(said, data_dir or Path("data"), training, validation, worlds, show)
+        _make_data(said, data_dir or Path("data"), training, validation, worlds, silent=silent)
     machine.wait()
     lesson = _lesson(said, data_dir or Path("data"), training, validation, out, machine, show)
     net, parts = _train(said, lesson, out, machine, show)
@@ -134,10 +133,12 @@ def _make_data(
     training: tuple[Path, ...],
     validation: tuple[Path, ...],
     worlds: Path | None,
-    show: Callable[[int, str], Any],
+    *,
+    silent: bool,
 ) -> None:
     """Complete the data sets that are not given."""
     from labr_autonomy.commands.dataset import check_seeds, find_worlds
+    from labr_autonomy.commands.progress import show_steps
     from labr_autonomy.gkpn.networks.presets import find_network
     from sim.training_data.build import SceneConfig
     from sim.training_data.folder import fill, scene_jobs
@@ -150,14 +151,7 @@ def _make_data(
         check_seeds(scenes.seed, scenes.scenes, any_seed=not scenes.families)
         size = SceneConfig(scenes.views, scenes.goals, config.width, config.height)
         pieces, facts = scene_jobs(places, scenes.seed, scenes.scenes, size)
-        with show(len(pieces), "scenes") as say:
-            done = 0
-
-            def on_scene(say: Progress = say) -> None:
-                nonlocal done
-                done += 1
-                say(done, "")
-
+        with show_steps(len(pieces), "scenes", quiet=silent) as on_scene:
             fill(data_folder(root, scenes, settings), facts, pieces, len(os.sched_getaffinity(0)), on_scene)
 
 

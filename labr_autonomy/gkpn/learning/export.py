@@ -22,11 +22,11 @@ from labr_autonomy.gkpn.package import ONNX_NAME, TENSORS_NAME, read_manifest, r
 GOAL_RANGE_M = 7.0  # farthest goals of the data (`sim.training_data.goals`)
 
 
-def calibrate(net: PlanningNetwork, views: Views, *, land_only: bool) -> dict[str, Any]:
+def calibrate(net: PlanningNetwork, views: Views, *, land_only: bool) -> tuple[dict[str, Any], Paths]:
     """Make mu a probability: scale and shift its logit by what becomes of every other scene's paths.
 
     Returns:
-        Figures and reliability over the scenes that were left out.
+        Figures and reliability over the scenes that were left out, and all paths judged afterwards.
     """
     paths = judge_paths(network_planner(net), views, land_only=land_only)
     fitted = paths["scene"] % 2 == 0
@@ -37,12 +37,13 @@ def calibrate(net: PlanningNetwork, views: Views, *, land_only: bool) -> dict[st
         last.bias.mul_(scale).add_(shift)
     paths = judge_paths(network_planner(net), views, land_only=land_only)
     unseen: Paths = {name: values[~fitted] for name, values in paths.items()} if not fitted.all() else paths
-    return {
+    facts = {
         "scale": round(scale, 4),
         "shift": round(shift, 4),
         "figures": summary(unseen, views.families),
         "reliability": reliability(unseen["mu"], unseen["fear"]),
     }
+    return facts, paths
 
 
 def export(
@@ -66,14 +67,13 @@ def export(
     """
     folder.mkdir(parents=True, exist_ok=True)
     net = net.to("cpu", memory_format=torch.contiguous_format).eval()
-    calibration = calibrate(net, validation, land_only=settings.land_only)
+    calibration, paths = calibrate(net, validation, land_only=settings.land_only)
     config = net.config
     tensors = {name: value.contiguous() for name, value in net.state_dict().items()}
     (folder / TENSORS_NAME).write_bytes(safetensors.torch.save(tensors))
     maps = [torch.zeros(1, CHANNELS, SIDE, SIDE)] if config.map is not None else []
     (folder / ONNX_NAME).write_bytes(onnx_bytes(net, *maps, height=config.height, width=config.width))
     line = judge_paths(straight_line, validation, land_only=settings.land_only)
-    paths = judge_paths(network_planner(net), validation, land_only=settings.land_only)
     metrics = {
         "network": summary(paths, validation.families),
         "straight_line": summary(line, validation.families),

@@ -2,45 +2,21 @@
 
 from __future__ import annotations
 
-import math
-from typing import Protocol
-
 import numpy as np
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import odom_to_level
-from labr_autonomy.gkpn.local_map import LocalMap, local_map
+from labr_autonomy.gkpn.infer import PlanningOnnx, drawn_in
+from labr_autonomy.gkpn.local_map import local_map
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner.messages import PlanRequest
-from labr_autonomy.types import Array, DepthFrame, Image, Intrinsics, Mode
+from labr_autonomy.types import Array, DepthFrame, Mode
 from sim.bench.iplanner.fear import THRESHOLD
 from sim.bench.iplanner.planner import shown
 
 FAR_M = 27.0  # a key point farther away than this is not meant: three times the farthest goal shown
 # A network that fears the whole way may know its beginning: it is asked for these parts of its range in turn.
 NEARER = (1.0, 0.6, 0.35)
-
-
-class Network(Protocol):
-    """A planning network; `labr_autonomy.gkpn.infer.PlanningOnnx` is one, and says what these mean."""
-
-    range_m: float
-
-    @property
-    def takes_map(self) -> bool:
-        """Whether it wants to be shown what has been seen lately."""
-        ...
-
-    def predict(
-        self,
-        depth_m: Image,
-        intrinsics: Intrinsics,
-        goal_level_m: Array,
-        seen: LocalMap | None = None,
-        floor_m: float = 0.0,
-    ) -> tuple[Array, float, float]:
-        """Key points (5, 3) level frame [m], mu 0..1, seconds taken."""
-        ...
 
 
 class Asked:
@@ -51,7 +27,7 @@ class Asked:
         config: The robot.
     """
 
-    def __init__(self, network: Network, config: RobotConfig) -> None:
+    def __init__(self, network: PlanningOnnx, config: RobotConfig) -> None:
         self._network = network
         self._below_m = config.body.below_m
         self._map = RollingMap(config) if network.takes_map else None
@@ -91,9 +67,7 @@ class Asked:
         farther away, to a robot on its wheels.
         """
         goal = shown(odom_to_level(request.goal_m, request.frame_pose))
-        away = math.hypot(goal[0], goal[1])
-        share = min(1.0, range_m / max(away, 1e-9))
-        at: Array = goal * np.array([share, share, 1.0])
-        if not request.goal_in_air or (share < 1.0 and request.mode is Mode.LAND):
+        at = drawn_in(goal, range_m)
+        if not request.goal_in_air or (at is not goal and request.mode is Mode.LAND):
             at[2] = drive_z_m - float(request.frame_pose.position_m[2])
         return at

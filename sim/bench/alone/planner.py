@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import level_to_odom
+from labr_autonomy.gkpn.infer import PlanningOnnx
 from labr_autonomy.gkpn.spline import PER_SEGMENT, path_points
 from labr_autonomy.modes.decision import classify, lift_off_distance_m
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
 from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Source, Trajectory
 from sim.bench.alone import flyer
-from sim.bench.alone.network import Asked, Network
+from sim.bench.alone.network import Asked
 from sim.bench.iplanner import fear, follower
 from sim.bench.iplanner.planner import AFRAID
 
@@ -56,7 +57,7 @@ class AlonePlanner:
         drives_only: It was trained on land alone: the heights of its key points mean nothing.
     """
 
-    def __init__(self, config: RobotConfig, network: Network, *, drives_only: bool = False) -> None:
+    def __init__(self, config: RobotConfig, network: PlanningOnnx, *, drives_only: bool = False) -> None:
         self._config = config
         self._clock = SystemClock()
         self._network = Asked(network, config)
