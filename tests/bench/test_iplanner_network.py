@@ -63,7 +63,7 @@ def test_batch_norm_stands_only_on_the_three_short_cuts():
 
 
 def test_stem_sees_the_depth_in_all_three_channels():
-    net, depth = TINY.build().eval(), torch.rand(1, 1, 160, 288)
+    net, depth = TINY.build().eval().double(), torch.rand(1, 1, 160, 288).double()  # else rounding shows
     three = torch.relu(net.encoder.stem(depth.expand(-1, 3, -1, -1)))
     expected = net.encoder.layers(torch.nn.functional.max_pool2d(three, 3, 2, 1))
     torch.testing.assert_close(net.encoder(depth), expected, atol=1e-5, rtol=1e-4)
