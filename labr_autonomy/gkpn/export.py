@@ -31,7 +31,7 @@ def export(net: Gkpn, folder: Path, validation: Views, loss: LossConfig, facts: 
     net = net.to(memory_format=torch.contiguous_format).eval()
     tensors = {name: value.contiguous() for name, value in net.state_dict().items()}
     (folder / TENSORS_NAME).write_bytes(safetensors.torch.save(tensors))
-    (folder / ONNX_NAME).write_bytes(onnx_bytes(net, height=HEIGHT, width=WIDTH))
+    (folder / ONNX_NAME).write_bytes(onnx_bytes(net, torch.ones(1, 1, HEIGHT, WIDTH), torch.ones(1, 3)))
     write_manifest(
         folder,
         {

@@ -12,7 +12,7 @@ import onnxruntime
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.errors import BadInput
 from labr_autonomy.gkpn.choice import chosen
-from labr_autonomy.gkpn.local_map import LocalMap
+from labr_autonomy.gkpn.local_map import LocalMap, with_distances
 from labr_autonomy.gkpn.package import ONNX_NAME, REMEDY, packaged_dir, read_manifest, read_verified
 from labr_autonomy.gkpn.resample import network_image
 from labr_autonomy.types import Array, Image, Intrinsics
@@ -29,7 +29,7 @@ def session(model: bytes, threads: int = 1) -> onnxruntime.InferenceSession:
 
 
 class PlanningOnnx:
-    """A trained network with inputs `depth`, `goal`, perhaps `map`, and outputs `points`, `mu`.
+    """A trained network with inputs `depth`, `goal`, perhaps `map` and `floor`, and outputs `points`, `mu`.
 
     Args:
         folder: With the model and manifest.json. A file whose sha256 is not the manifest's is refused with
@@ -44,6 +44,7 @@ class PlanningOnnx:
         inputs = {value.name: [int(n) for n in value.shape] for value in self._session.get_inputs()}
         self._height, self._width = inputs["depth"][2:]
         self._unmapped = np.zeros(inputs["map"], np.float32) if "map" in inputs else None
+        self._told_floor = "floor" in inputs
         self.range_m = float(self.manifest.get("goal_range_m", GOAL_RANGE_M))  # farther goals are drawn in
         self._clock = SystemClock()
         camera = Intrinsics(16, 9, 8.0, 8.0, 8.0, 4.5)
@@ -72,7 +73,7 @@ class PlanningOnnx:
             intrinsics: Of the camera; the image may be a scaled version of its size.
             goal_level_m: (3,) level frame.
             seen: What has been seen lately (`gkpn.local_map`), for a network that `takes_map`.
-            floor_m: Height at which the robot drives, level frame; it tells which key points are flown to.
+            floor_m: Height at which the robot drives, level frame.
 
         Returns:
             Key points (5, 3) level frame [m], collision probability mu in 0..1, time taken [s].
@@ -88,7 +89,9 @@ class PlanningOnnx:
             "goal": drawn_in(goal, self.range_m)[None].astype(np.float32),
         }
         if self._unmapped is not None:
-            feed["map"] = self._unmapped if seen is None else seen[None].astype(np.float32)
+            feed["map"] = self._unmapped if seen is None else with_distances(seen)[None]
+        if self._told_floor:
+            feed["floor"] = np.array([[floor_m]], np.float32)
         points, mu = self._session.run(["points", "mu"], feed)
         paths = points.reshape(1, -1, *points.shape[-2:]).astype(np.float64)  # (1, hypotheses, n, 3)
         taken = int(chosen(paths, mu, floor_m)[0])

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +24,8 @@ CELL_M = 0.15
 BEHIND_M = 2.4  # of the square lie behind the robot, the rest of its 9.6 m ahead
 BANDS_M = ((0.06, 0.45), (0.45, 1.0), (1.0, 1.6), (1.6, 2.4))  # above the floor: driven, then flown in
 CHANNELS = 2 * len(BANDS_M)
+SHOWN = CHANNELS + len(BANDS_M)  # channels of `with_distances`
+DISTANCE_MAX_M = 1.2  # of the distances beside the map; farther is as good as free
 KNOWN_SHARE = 0.5  # of a band's cells that must have been seen
 
 LocalMap = NDArray[np.uint8]  # (CHANNELS, SIDE, SIDE), 0 or 1: solid and seen of the first band, ...
@@ -75,4 +78,20 @@ def local_map(rolling: RollingMap, pose: Pose, floor_z_m: float) -> LocalMap:
     _look(
         rolling.log_odds, layers, float(first[0]), float(first[1]), ahead * step, left * step, OCCUPIED, out
     )
+    return out
+
+
+def with_distances(seen: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """The map's channels, and for each band how near the next solid cell is.
+
+    Returns:
+        (SHOWN, SIDE, SIDE): 0 or 1, then 1 in a solid cell, falling to 0 at `DISTANCE_MAX_M`.
+    """
+    out = np.zeros((SHOWN, SIDE, SIDE), np.float32)
+    out[:CHANNELS] = seen
+    for band in range(len(BANDS_M)):
+        solid = seen[2 * band]
+        if solid.any():
+            away = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_5)
+            out[CHANNELS + band] = np.maximum(1.0 - away * (CELL_M / DISTANCE_MAX_M), 0.0)
     return out

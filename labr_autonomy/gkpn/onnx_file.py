@@ -1,4 +1,4 @@
-"""A planning network as one ONNX file, whose inputs are `depth`, `goal` and, where it has one, `map`."""
+"""A planning network as one ONNX file: inputs `depth`, `goal` and, where it takes them, `map` and `floor`."""
 
 from __future__ import annotations
 
@@ -11,26 +11,23 @@ from torch import Tensor, nn
 OPSET = 17
 
 
-def onnx_bytes(net: nn.Module, *others: Tensor, height: int, width: int, keep_names: bool = False) -> bytes:
+def onnx_bytes(net: nn.Module, *inputs: Tensor, keep_names: bool = False) -> bytes:
     """The network for a batch of one.
 
     Args:
         net: With the call (depth (1, 1, height, width), goal (1, 3), ...) -> (key points, mu).
-        others: An example of each further input; the first is called `map`.
-        height: Of the image [px].
-        width: Of the image [px].
+        inputs: An example of each.
         keep_names: Leave every tensor as it is under its own name, instead of folding the batch norms away.
     """
-    example = (torch.ones(1, 1, height, width), torch.tensor([[2.0, 0.5, 0.0]]), *others)
     mode = torch.onnx.TrainingMode.PRESERVE if keep_names else torch.onnx.TrainingMode.EVAL
     buffer = io.BytesIO()
     with warnings.catch_warnings():  # the TorchScript exporter is kept on purpose: it needs no onnxscript
         warnings.simplefilter("ignore")
         torch.onnx.export(
             net.eval(),
-            example,
+            inputs,
             buffer,
-            input_names=["depth", "goal", "map"][: len(example)],
+            input_names=["depth", "goal", "map", "floor"][: len(inputs)],
             output_names=["points", "mu"],
             opset_version=OPSET,
             training=mode,

@@ -12,7 +12,7 @@ from labr_autonomy.gkpn.export import load_network
 from labr_autonomy.gkpn.latency import latencies_ms
 from labr_autonomy.gkpn.network import HEIGHT, WIDTH
 from labr_autonomy.gkpn.networks.counts import counts, counts_of
-from labr_autonomy.gkpn.networks.planner import build
+from labr_autonomy.gkpn.networks.planner import build, examples
 from labr_autonomy.gkpn.networks.presets import PAPER
 from labr_autonomy.gkpn.onnx_file import onnx_bytes
 from labr_autonomy.gkpn.package import ONNX_NAME, packaged_dir, read_verified
@@ -42,10 +42,12 @@ def table2_rows(rounds: int, on_round: Callable[[], None] = lambda: None) -> lis
     for name, config in PAPER.items():
         params_m, flops_g = counts(config)
         rows.append({"method": name, "params_m": params_m, "flops_g": flops_g, "paper": TABLE_2[name]})
-    params_m, flops_g = counts_of(load_network(packaged_dir()), torch.ones(1, 1, HEIGHT, WIDTH))
+    params_m, flops_g = counts_of(
+        load_network(packaged_dir()), torch.ones(1, 1, HEIGHT, WIDTH), torch.ones(1, 3)
+    )
     rows.append({"method": SHIPPED, "params_m": params_m, "flops_g": flops_g, "paper": None})
     if rounds:
-        models = {name: onnx_bytes(build(c), height=c.height, width=c.width) for name, c in PAPER.items()}
+        models = {name: onnx_bytes(build(c), *examples(c)) for name, c in PAPER.items()}
         models[SHIPPED] = read_verified(packaged_dir(), ONNX_NAME)
         for threads in THREADS:
             times = latencies_ms(models, threads, rounds, on_round)

@@ -7,7 +7,16 @@ import pytest
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import quaternion_from_rpy
-from labr_autonomy.gkpn.local_map import BANDS_M, BEHIND_M, CELL_M, CHANNELS, SIDE, local_map
+from labr_autonomy.gkpn.local_map import (
+    BANDS_M,
+    BEHIND_M,
+    CELL_M,
+    CHANNELS,
+    DISTANCE_MAX_M,
+    SIDE,
+    local_map,
+    with_distances,
+)
 from labr_autonomy.perception.rolling_map import HIGHEST, LOWEST, RollingMap
 from labr_autonomy.types import Pose
 
@@ -55,3 +64,16 @@ def test_what_has_not_been_seen_is_neither_solid_nor_seen():
     rolling._follow(HERE, FLOOR_M)
     rolling.frames = 1
     assert not local_map(rolling, level, FLOOR_M).any()
+
+
+def test_the_distances_fall_from_one_at_something_solid_to_nothing_far_away():
+    seen = np.zeros((CHANNELS, SIDE, SIDE), np.uint8)
+    seen[2, 10, 20] = 1  # in the second band
+    shown = with_distances(seen)
+    assert (shown[:CHANNELS] == seen).all()
+    near = shown[CHANNELS + 1]
+    assert near[10, 20] == 1.0
+    assert near[10, 24] == pytest.approx(1.0 - 4 * CELL_M / DISTANCE_MAX_M, abs=0.01)
+    assert near[10, 40] == 0.0
+    assert not shown[CHANNELS].any()  # nothing stands in the first band: all is free there
+    assert not shown[CHANNELS + 2 :].any()

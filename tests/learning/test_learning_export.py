@@ -17,6 +17,7 @@ from labr_autonomy.gkpn.learning.export import export, load_network  # noqa: E40
 from labr_autonomy.gkpn.learning.figures import judge_paths, straight_line, summary  # noqa: E402
 from labr_autonomy.gkpn.learning.settings import Settings  # noqa: E402
 from labr_autonomy.gkpn.learning.views import join  # noqa: E402
+from labr_autonomy.gkpn.local_map import CHANNELS  # noqa: E402
 from labr_autonomy.gkpn.networks.planner import build  # noqa: E402
 from labr_autonomy.gkpn.networks.presets import find_network  # noqa: E402
 from labr_autonomy.gkpn.package import ONNX_NAME  # noqa: E402
@@ -93,11 +94,12 @@ def test_what_is_written_computes_what_was_trained(views, tmp_path, name):
         image, seen = views.images_m(index), views.local_maps(index)
         goal = torch.from_numpy(views.goals_m[view, :1])
         feed = {"depth": image.numpy(), "goal": goal.numpy()}
+        floor = torch.from_numpy(views.floor_m[index, None])
         if again.config.map is not None:
-            feed["map"] = seen.numpy()
+            feed |= {"map": seen.numpy(), "floor": floor.numpy()}
         with torch.no_grad():
             for one in (net, again):
-                points, mu = one(image, goal, seen)
+                points, mu = one(image, goal, seen, floor)
                 found = onnx.run(["points", "mu"], feed)
                 np.testing.assert_allclose(found[0], points.numpy(), atol=1e-4)
                 np.testing.assert_allclose(found[1], mu.numpy(), atol=1e-4)
@@ -105,7 +107,7 @@ def test_what_is_written_computes_what_was_trained(views, tmp_path, name):
     assert flown.takes_map == (name == "labr")
     assert flown.range_m == 7.0
     camera = Intrinsics(160, 90, 80.0, 79.5, 80.0, 45.0)
-    seen = views.local_maps(np.array([0]))[0].numpy().astype(np.uint8) if flown.takes_map else None
+    seen = views.local_maps(np.array([0]))[0, :CHANNELS].numpy().astype(np.uint8) if flown.takes_map else None
     keys, mu, _ = flown.predict(
         views.images_m(np.array([0]))[0, 0].numpy(), camera, views.goals_m[0, 0], seen
     )

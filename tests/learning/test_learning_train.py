@@ -157,9 +157,9 @@ def test_a_mirrored_view_costs_what_the_view_costs(lesson):
     assert (batch.mirror[:half, 1] == -1.0).all()
 
     class Line(torch.nn.Module):
-        def forward(self, images, maps, goal):
+        def forward(self, images, maps, goal, floor):
             share = (torch.arange(1, 6) / 5.0)[None, None, :, None]
-            return goal[:, None, None, :] * share, torch.zeros(len(goal), 1)
+            return [goal[:, None, None, :] * share], torch.zeros(len(goal), 1)
 
     out = step_losses(Line(), batch, lesson.training, plain, ALONE, 0.0)
     assert float(out.parts["goal"].detach()) < 0.2  # a goal on the wrong side would be metres off
@@ -171,10 +171,10 @@ def test_the_winner_learns_and_the_others_a_little(lesson):
             super().__init__()
             self.off = torch.nn.Parameter(torch.tensor([0.0, 0.8]))
 
-        def forward(self, images, maps, goal):
+        def forward(self, images, maps, goal, floor):
             share = (torch.arange(1, 6) / 5.0)[None, None, :, None]
             short = 1.0 - 0.5 * self.off[None, :, None, None]
-            return goal[:, None, None, :] * share * short, torch.zeros(len(goal), 2)
+            return [goal[:, None, None, :] * share * short], torch.zeros(len(goal), 2)
 
     batch = draw(lesson.training, None, 0, settings(spoiled=0.0), ALONE)
 
@@ -189,6 +189,31 @@ def test_the_winner_learns_and_the_others_a_little(lesson):
     assert abs(alone[0]) > 0.1  # the straight one wins where the way is free
     np.testing.assert_allclose(more, 10.0 * little, rtol=1e-3)
     assert abs(more[1]) > 1.0  # the other learns where it lost, too
+
+
+def test_a_path_learns_before_its_last_revision_as_well(lesson):
+    class Revised(torch.nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.off = torch.nn.Parameter(torch.tensor([0.3, 0.3]))
+
+        def forward(self, images, maps, goal, floor):
+            share = (torch.arange(1, 6) / 5.0)[None, None, :, None]
+            every = [goal[:, None, None, :] * share * (1.0 - off) for off in self.off]
+            return every, torch.zeros(len(goal), 1)
+
+    batch = draw(lesson.training, None, 0, settings(spoiled=0.0), ALONE)
+
+    def pushed(early):
+        net = Revised()
+        how = settings(spoiled=0.0, early=early)
+        step_losses(net, batch, lesson.training, how, ALONE, 0.0).total.backward()
+        return net.off.grad.numpy()
+
+    first, last = pushed(0.25)
+    assert first == pytest.approx(0.25 * last, rel=1e-4)
+    assert pushed(0.0)[0] == 0.0
+    assert abs(last) > 0.1
 
 
 def test_a_teacher_is_asked_once(lesson, tmp_path):

@@ -17,7 +17,7 @@ from labr_autonomy.gkpn.shards import write_manifest, write_shard  # noqa: E402
 
 SETTINGS = """
 name: tiny run
-network: labr-single
+network: labr-unrevised
 steps: 6
 images: 4
 goals: 4

@@ -14,8 +14,7 @@ from labr_autonomy.gkpn.learning.calibration import platt, reliability
 from labr_autonomy.gkpn.learning.figures import Paths, judge_paths, network_planner, straight_line, summary
 from labr_autonomy.gkpn.learning.settings import Settings
 from labr_autonomy.gkpn.learning.views import Views
-from labr_autonomy.gkpn.local_map import CHANNELS, SIDE
-from labr_autonomy.gkpn.networks.planner import PlanningNetwork, build, from_values
+from labr_autonomy.gkpn.networks.planner import PlanningNetwork, build, examples, from_values
 from labr_autonomy.gkpn.onnx_file import OPSET, onnx_bytes
 from labr_autonomy.gkpn.package import ONNX_NAME, TENSORS_NAME, read_manifest, read_verified, write_manifest
 
@@ -32,9 +31,8 @@ def calibrate(net: PlanningNetwork, views: Views, *, land_only: bool) -> tuple[d
     fitted = paths["scene"] % 2 == 0
     scale, shift = platt(paths["logit"][fitted], paths["fear"][fitted])
     with torch.no_grad():
-        last = net.heads.fear[2]
-        last.weight.mul_(scale)
-        last.bias.mul_(scale).add_(shift)
+        net.opinion.weight.mul_(scale)
+        net.opinion.bias.mul_(scale).add_(shift)
     paths = judge_paths(network_planner(net), views, land_only=land_only)
     unseen: Paths = {name: values[~fitted] for name, values in paths.items()} if not fitted.all() else paths
     facts = {
@@ -71,8 +69,7 @@ def export(
     config = net.config
     tensors = {name: value.contiguous() for name, value in net.state_dict().items()}
     (folder / TENSORS_NAME).write_bytes(safetensors.torch.save(tensors))
-    maps = [torch.zeros(1, CHANNELS, SIDE, SIDE)] if config.map is not None else []
-    (folder / ONNX_NAME).write_bytes(onnx_bytes(net, *maps, height=config.height, width=config.width))
+    (folder / ONNX_NAME).write_bytes(onnx_bytes(net, *examples(config)))
     line = judge_paths(straight_line, validation, land_only=settings.land_only)
     metrics = {
         "network": summary(paths, validation.families),

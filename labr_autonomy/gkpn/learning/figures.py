@@ -29,10 +29,10 @@ TRUSTED_MU = 0.5  # paper, section IV-C
 
 Figures = dict[str, Any]
 Paths = dict[str, NDArray[Any]]
-Planner = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
+Planner = Callable[[Tensor, Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
 
 
-def straight_line(images_m: Tensor, maps: Tensor, goal_m: Tensor) -> tuple[Tensor, Tensor]:
+def straight_line(images_m: Tensor, maps: Tensor, goal_m: Tensor, floor_m: Tensor) -> tuple[Tensor, Tensor]:
     """The baseline: five points on the line to the goal, and no opinion about collisions."""
     share = torch.arange(1, 6)[None, None, :, None] / 5.0
     return goal_m[:, None, None, :] * share, torch.zeros(len(goal_m), 1)
@@ -41,8 +41,8 @@ def straight_line(images_m: Tensor, maps: Tensor, goal_m: Tensor) -> tuple[Tenso
 def network_planner(net: nn.Module) -> Planner:
     """A network as a planner; k goals in a row per image."""
 
-    def plan(images_m: Tensor, maps: Tensor, goal_m: Tensor) -> tuple[Tensor, Tensor]:
-        points, logit = net.plan(net.encode(images_m, maps), goal_m)
+    def plan(images_m: Tensor, maps: Tensor, goal_m: Tensor, floor_m: Tensor) -> tuple[Tensor, Tensor]:
+        points, logit = net.plan(net.encode(images_m, maps), goal_m, floor_m)
         return points, logit
 
     return plan
@@ -52,7 +52,8 @@ def judge_paths(plan: Planner, views: Views, *, land_only: bool = False, batch: 
     """What becomes of the chosen path to every goal of every view.
 
     Args:
-        plan: Images (b, 1, h, w), maps and goals (b*k, 3) to key points (b*k, hypotheses, n, 3) and logits.
+        plan: Images (b, 1, h, w), maps, goals (b*k, 3) and floors (b*k, 1) to key points
+            (b*k, hypotheses, n, 3) and logits.
         views: Unseen data.
         land_only: Leave out goals in the air and views from it.
         batch: Views at a time.
@@ -81,8 +82,9 @@ def _judge(plan: Planner, views: Views, index: NDArray[np.int64]) -> Paths:
     k = views.goals_m.shape[1]
     view, goal = index.repeat(k), np.tile(np.arange(k), len(index))
     what = asked(views, view, goal)
-    points, logit = plan(views.images_m(index), views.local_maps(index), what.goal_m)
     floor = views.floor_m[view]
+    told = torch.from_numpy(floor[:, None])
+    points, logit = plan(views.images_m(index), views.local_maps(index), what.goal_m, told)
     mu = torch.sigmoid(logit)
     pick = torch.from_numpy(chosen(points.numpy(), mu.numpy(), floor))
     here = torch.arange(len(pick))

@@ -71,6 +71,7 @@ class Settings(_Part):
     average: float = Field(default=0.998, ge=0.0, lt=1.0)  # of the running mean of the weights
     fear: float = Field(default=1.0, ge=0.0)
     others: float = Field(default=0.05, ge=0.0)  # weight of hypotheses that did not win
+    early: float = Field(default=0.3, ge=0.0)  # weight of a path before its last revision
     spoiled: float = Field(
         default=0.05, ge=0.0, le=1.0
     )  # share of frames unlike any camera's, which it must fear

@@ -23,8 +23,9 @@ class Batch:
     """Images with k goals each, in a row; half of them seen in a mirror."""
 
     images_m: Tensor  # (b, 1, h, w)
-    maps: Tensor  # (b, CHANNELS, SIDE, SIDE)
+    maps: Tensor  # (b, SHOWN, SIDE, SIDE)
     asked: Asked  # of b * k goals, not mirrored
+    floor_m: Tensor  # (b * k, 1) driving height, level frame
     mirror: Tensor  # (b * k, 3) signs that turn the goal into the mirrored one, and the answer back
     spoiled: Tensor  # (b * k,) 1 where the frame says nothing
     taught_m: Tensor | None  # (b * k, n, 3) key points of the teacher, NaN where it has none
@@ -64,6 +65,7 @@ def draw(
         images.to(to).contiguous(memory_format=machine.memory_format),
         maps.to(to).contiguous(memory_format=machine.memory_format),
         _asked(views, view, pick.reshape(-1), to),
+        torch.from_numpy(views.floor_m[view, None]).to(to),
         mirror.to(to),
         torch.from_numpy(spoil.repeat(each).astype(np.float32)).to(to),
         None if taught is None else taught.flatten(0, 1).to(to),
@@ -108,7 +110,8 @@ def step_losses(
     none is left behind; mu of each learns from what becomes of its own path.
 
     Args:
-        net: What answers (images, maps, goals) with key points (b, h, n, 3) and logits (b, h).
+        net: What answers (images, maps, goals, floors) with key points (b, h, n, 3) as proposed and after
+            each revision, and logits (b, h).
         batch: What it is asked.
         views: The data, which judge.
         settings: Weights.
@@ -117,8 +120,9 @@ def step_losses(
     """
     goal = batch.asked.goal_m * batch.mirror
     with torch.autocast(machine.device.type, dtype=torch.bfloat16, enabled=machine.bfloat16):
-        points, logit = net(batch.images_m, batch.maps, goal)
-    points, logit = points.float() * batch.mirror[:, None, None], logit.float()
+        every, logit = net(batch.images_m, batch.maps, goal, batch.floor_m)
+    every, logit = [points * batch.mirror[:, None, None] for points in every], logit.float()
+    points = every[-1]
     b, h, n, _ = points.shape
     cost = settings.cost()
     each = Asked(*(getattr(batch.asked, name).repeat_interleave(h, dim=0) for name in Asked.__slots__))
@@ -132,6 +136,9 @@ def step_losses(
     hits = torch.maximum(judged.collides.reshape(b, h), batch.spoiled[:, None])
     fear = functional.binary_cross_entropy_with_logits(logit, hits)
     total = won + settings.others * rest + settings.fear * fear
+    for points_before in every[:-1]:
+        before = cost.total(cost.judge(points_before.reshape(b * h, n, 3), each, views)).reshape(b, h)
+        total = total + settings.early * (before.gather(1, best)[:, 0] * sound).sum() / count
     parts = {
         name: (t.reshape(b, h).gather(1, best)[:, 0] * sound).sum() / count
         for name, t in judged.terms.items()

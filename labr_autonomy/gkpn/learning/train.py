@@ -62,10 +62,10 @@ class Learner(nn.Module):  # type: ignore[misc]  # torch is untyped here
         self.net = net
 
     def forward(
-        self, images_m: torch.Tensor, maps: torch.Tensor, goal_m: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Images (b, 1, h, w), maps and goals (b*k, 3) to key points and logits."""
-        return self.net.plan(self.net.encode(images_m, maps), goal_m)
+        self, images_m: torch.Tensor, maps: torch.Tensor, goal_m: torch.Tensor, floor_m: torch.Tensor
+    ) -> tuple[list[torch.Tensor], torch.Tensor]:
+        """Images (b, 1, h, w), maps, goals (b*k, 3) and floors to key points of all stages and logits."""
+        return self.net.stages(self.net.encode(images_m, maps), goal_m, floor_m)
 
 
 def rate_at(step: int, settings: Settings) -> float:

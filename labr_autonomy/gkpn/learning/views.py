@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from labr_autonomy.errors import BadInput
-from labr_autonomy.gkpn.local_map import CHANNELS, SIDE
+from labr_autonomy.gkpn.local_map import CHANNELS, SIDE, with_distances
 from labr_autonomy.gkpn.shards import LAND_CELL_M, LAND_SIDE, NO_FLOOR, Shard, read_folder, read_shard
 
 STANDING_M = 0.05  # lower than this above its driving height, a robot stands
@@ -60,9 +60,9 @@ class Views:
         return torch.from_numpy(self.images_mm[index].astype(np.float32) * 1e-3)[:, None]
 
     def local_maps(self, index: NDArray[np.int64]) -> Tensor:
-        """(b, CHANNELS, SIDE, SIDE), 0 or 1."""
-        bits = np.unpackbits(self.maps[index], axis=-1)
-        return torch.from_numpy(bits.reshape(-1, CHANNELS, SIDE, SIDE).astype(np.float32))
+        """(b, SHOWN, SIDE, SIDE) as the network is shown them."""
+        bits = np.unpackbits(self.maps[index], axis=-1).reshape(-1, CHANNELS, SIDE, SIDE)
+        return torch.from_numpy(np.array([with_distances(one) for one in bits]))
 
     def only_land(self) -> Views:
         """Views from the wheels, and goals on the floor: half as many of each view, for what only drives."""

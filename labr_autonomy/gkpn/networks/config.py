@@ -64,6 +64,17 @@ class MapConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class RevisionConfig:
+    """Looks at the map along the path, each followed by a correction (`networks.revision`)."""
+
+    steps: int = 2
+    every: int = 2  # of the spline's 51 points are looked at
+    point: int = 20  # numbers that a place on the path is summed up in
+    context: int = 16  # channels of the map's features that are looked at
+    hidden: int = 160
+
+
+@dataclass(frozen=True, slots=True)
 class NetworkConfig:
     """A whole network."""
 
@@ -72,6 +83,7 @@ class NetworkConfig:
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     planning: ConcatConfig | AttentionConfig = field(default_factory=AttentionConfig)
     map: MapConfig | None = None
+    revision: RevisionConfig | None = None  # takes a map
     key_points: int = 5  # n
     hypotheses: int = 1  # paths proposed, each with its own mu
     unit_m: float = 10.0  # depth and goal are divided by it

@@ -12,6 +12,11 @@ from torch.nn import functional
 from labr_autonomy.gkpn.networks.config import PerceptionConfig
 
 
+def exactly(x: Tensor) -> torch.autocast:
+    """A context in which x's device computes in the precision that x has."""
+    return torch.autocast("cpu" if x.is_meta else x.device.type, enabled=False)
+
+
 def conv(inputs: int, outputs: int, size: int, stride: int, norm: bool) -> nn.Module:
     """Convolution that keeps the size (but for the stride), with batch norm or without."""
     layer = nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=False)
@@ -57,8 +62,7 @@ class Sobel(nn.Module):  # type: ignore[misc]  # torch is untyped here
 
     def forward(self, depth: Tensor) -> Tensor:
         """(b, 1, h, w) to (b, 2, h, w)."""
-        kind = "cpu" if depth.is_meta else depth.device.type
-        with torch.autocast(kind, enabled=False):  # differences need the full mantissa
+        with exactly(depth):  # differences need the full mantissa
             padded = functional.pad(depth.float(), (1, 1, 1, 1), mode="replicate")
             return functional.conv2d(padded, self.kernels)
 

@@ -6,6 +6,8 @@ K_t = Linear(relu(Conv([O_atten, p_G]))); linear in the number of places M.
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -88,19 +90,25 @@ def planning(
 
 
 class Heads(nn.Module):  # type: ignore[misc]  # torch is untyped here
-    """Key points and the logit of mu from one shared feature.
+    """Key points from one shared feature, and the layers of mu (`fear`) where it is judged from that alone.
 
     Args:
         inputs: Numbers that come in.
         hidden: Of the shared feature, and of the layer before the key points.
-        fear: Of the layer before mu.
+        fear: Of the layer before mu; None where a revision judges it.
         hypotheses: Paths proposed.
         key_points: Of each.
         quiet: Start with key points near zero: near the straight line, where they are offsets from it.
     """
 
     def __init__(
-        self, inputs: int, hidden: tuple[int, int], fear: int, hypotheses: int, key_points: int, quiet: bool
+        self,
+        inputs: int,
+        hidden: tuple[int, int],
+        fear: int | None,
+        hypotheses: int,
+        key_points: int,
+        quiet: bool,
     ) -> None:
         super().__init__()
         self.shape = (hypotheses, key_points, 3)
@@ -108,7 +116,9 @@ class Heads(nn.Module):  # type: ignore[misc]  # torch is untyped here
         self.path = nn.Sequential(
             nn.Linear(hidden[0], hidden[1]), nn.ReLU(), nn.Linear(hidden[1], hypotheses * key_points * 3)
         )
-        self.fear = nn.Sequential(nn.Linear(hidden[0], fear), nn.ReLU(), nn.Linear(fear, hypotheses))
+        self.fear: Any = None
+        if fear is not None:
+            self.fear = nn.Sequential(nn.Linear(hidden[0], fear), nn.ReLU(), nn.Linear(fear, hypotheses))
         if quiet:
             with torch.no_grad():
                 self.path[2].weight.mul_(0.1)
@@ -116,6 +126,6 @@ class Heads(nn.Module):  # type: ignore[misc]  # torch is untyped here
                     self.path[2].bias.zero_()
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """(b, inputs) to key points (b, hypotheses, n, 3) and logits (b, hypotheses)."""
+        """(b, inputs) to the shared feature (b, hidden) and key points (b, hypotheses, n, 3)."""
         shared = functional.relu(self.shared(x))
-        return self.path(shared).reshape(-1, *self.shape), self.fear(shared)
+        return shared, self.path(shared).reshape(-1, *self.shape)

@@ -16,6 +16,7 @@ from labr_autonomy.gkpn.networks.config import (
     MapConfig,
     NetworkConfig,
     PerceptionConfig,
+    RevisionConfig,
 )
 
 _RESNET = PerceptionConfig(
@@ -58,14 +59,16 @@ _LABR = NetworkConfig(
     ),
     planning=AttentionConfig(embed=64, tail=32),
     map=MapConfig(),
-    hypotheses=3,
+    revision=RevisionConfig(),
+    hypotheses=1,
 )
 
 # What ships, and what it loses without each of its additions.
 OURS: dict[str, NetworkConfig] = {
     "labr": _LABR,
-    "labr-blind": replace(_LABR, map=None),
-    "labr-single": replace(_LABR, hypotheses=1),
+    "labr-three": replace(_LABR, hypotheses=3),
+    "labr-unrevised": replace(_LABR, revision=None),
+    "labr-blind": replace(_LABR, map=None, revision=None),
 }
 
 # The baseline of the benchmark, at a size that can be trained here: published layers at a quarter of their

@@ -40,7 +40,9 @@ def export(net: IPlanner, folder: Path, validation: Views, facts: dict[str, Any]
     net = rounded(net).to(memory_format=torch.contiguous_format).eval()
     config, judge = net.config, LossConfig()
     (folder / ONNX_NAME).write_bytes(
-        stored_half(onnx_bytes(net, height=config.height, width=config.width, keep_names=True))
+        stored_half(
+            onnx_bytes(net, torch.ones(1, 1, config.height, config.width), torch.ones(1, 3), keep_names=True)
+        )
     )
     write_manifest(
         folder,
