@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat
 
+from labr_autonomy.gkpn.package import RuntimeName
 from labr_autonomy.types import Intrinsics
 
 
@@ -107,6 +110,17 @@ class Clearance(Section):
     landing_m: float = Field(default=0.15, ge=0.0)  # free ring around the outline where it lands or takes off
 
 
+class Network(Section):
+    """The planning network."""
+
+    weights: Path | None = Field(
+        default=None, description="folder that `labr-mission train` wrote; by default the one that ships"
+    )
+    runtime: RuntimeName = Field(
+        default="onnxruntime", description="what computes it; openvino needs the extra of that name"
+    )
+
+
 class RobotConfig(Section):
     """The whole of `robot.yaml`."""
 
@@ -119,3 +133,4 @@ class RobotConfig(Section):
     air: AirLimits = AirLimits()
     energy: Energy = Energy()
     clearance: Clearance = Clearance()
+    network: Network = Network()

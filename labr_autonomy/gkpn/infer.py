@@ -1,4 +1,4 @@
-"""A planning network in flight, GKPN above all: ONNX Runtime on one thread; torch is never imported here."""
+"""A planning network in flight, GKPN above all: one thread of ONNX Runtime; torch is never imported here."""
 
 from __future__ import annotations
 
@@ -7,25 +7,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime
 
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.errors import BadInput
 from labr_autonomy.gkpn.choice import chosen
 from labr_autonomy.gkpn.local_map import LocalMap, with_distances
-from labr_autonomy.gkpn.package import ONNX_NAME, REMEDY, packaged_dir, read_manifest, read_verified
+from labr_autonomy.gkpn.package import (
+    ONNX_NAME,
+    REMEDY,
+    RuntimeName,
+    packaged_dir,
+    read_manifest,
+    read_verified,
+)
 from labr_autonomy.gkpn.resample import network_image
+from labr_autonomy.gkpn.runtime import start
 from labr_autonomy.types import Array, Image, Intrinsics
 
 GOAL_RANGE_M = 9.0  # farthest goal of the training data where the manifest does not say it
-
-
-def session(model: bytes, threads: int = 1) -> onnxruntime.InferenceSession:
-    """A network's ONNX file ready to run on the processor."""
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
-    options.log_severity_level = 3
-    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
 class PlanningOnnx:
@@ -36,12 +35,15 @@ class PlanningOnnx:
             `BadInput`.
         name: Of the model's file.
         remedy: What to do about weights that are refused.
+        runtime: What computes it.
     """
 
-    def __init__(self, folder: Path, name: str, remedy: str = REMEDY) -> None:
+    def __init__(
+        self, folder: Path, name: str, remedy: str = REMEDY, runtime: RuntimeName = "onnxruntime"
+    ) -> None:
         self.manifest: dict[str, Any] = read_manifest(folder, remedy)
-        self._session = session(read_verified(folder, name, remedy))
-        inputs = {value.name: [int(n) for n in value.shape] for value in self._session.get_inputs()}
+        self._runtime = start(read_verified(folder, name, remedy), name=runtime)
+        inputs = self._runtime.inputs
         self._height, self._width = inputs["depth"][2:]
         self._unmapped = np.zeros(inputs["map"], np.float32) if "map" in inputs else None
         self._told_floor = "floor" in inputs
@@ -92,7 +94,7 @@ class PlanningOnnx:
             feed["map"] = self._unmapped if seen is None else with_distances(seen)[None]
         if self._told_floor:
             feed["floor"] = np.array([[floor_m]], np.float32)
-        points, mu = self._session.run(["points", "mu"], feed)
+        points, mu = self._runtime.run(feed)
         paths = points.reshape(1, -1, *points.shape[-2:]).astype(np.float64)  # (1, hypotheses, n, 3)
         taken = int(chosen(paths, mu, floor_m)[0])
         return paths[0, taken], float(mu[0, taken]), self._clock.now_s() - began_s
@@ -103,10 +105,11 @@ class GkpnOnnx(PlanningOnnx):
 
     Args:
         weights_dir: Folder with gkpn.onnx and manifest.json; the packaged one by default.
+        runtime: What computes it.
     """
 
-    def __init__(self, weights_dir: Path | None = None) -> None:
-        super().__init__(weights_dir or packaged_dir(), ONNX_NAME)
+    def __init__(self, weights_dir: Path | None = None, runtime: RuntimeName = "onnxruntime") -> None:
+        super().__init__(weights_dir or packaged_dir(), ONNX_NAME, runtime=runtime)
 
 
 def drawn_in(goal_m: Array, range_m: float) -> Array:

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
-import onnxruntime
 
 from labr_autonomy.clock import SystemClock
-from labr_autonomy.gkpn.infer import session
+from labr_autonomy.gkpn.runtime import Runtime, start
 from labr_autonomy.types import Array
 
 WARM_RUNS = 3  # of each network before its first round
@@ -28,11 +27,11 @@ def latencies_ms(
         rounds: Turns that each network has.
         on_round: Called after each round.
     """
-    ready = {name: session(model, threads) for name, model in models.items()}
+    ready = {name: start(model, threads) for name, model in models.items()}
     feeds = {name: _feed(one) for name, one in ready.items()}
     for name, one in ready.items():
         for _ in range(WARM_RUNS):
-            one.run(None, feeds[name])
+            one.run(feeds[name])
     times: dict[str, list[float]] = {name: [] for name in ready}
     for _ in range(rounds):
         for name, one in ready.items():
@@ -41,18 +40,18 @@ def latencies_ms(
     return {name: np.array(values) for name, values in times.items()}
 
 
-def _turn(one: onnxruntime.InferenceSession, feed: dict[str, Any]) -> Iterator[float]:
+def _turn(one: Runtime, feed: dict[str, Any]) -> Iterator[float]:
     clock = SystemClock()
     for _ in range(SKIPPED + RUNS):
         began_s = clock.now_s()
-        one.run(None, feed)
+        one.run(feed)
         yield 1e3 * (clock.now_s() - began_s)
 
 
-def _feed(one: onnxruntime.InferenceSession) -> dict[str, Any]:
+def _feed(one: Runtime) -> dict[str, Any]:
     """Depths like those of a room, and zeros elsewhere: the time does not depend on what is seen."""
     rng = np.random.default_rng(0)
-    values = {i.name: np.zeros([int(n) for n in i.shape], np.float32) for i in one.get_inputs()}
+    values = {name: np.zeros(shape, np.float32) for name, shape in one.inputs.items()}
     values["depth"] = rng.uniform(0.3, 10.0, values["depth"].shape).astype(np.float32)
     values["goal"][:] = [3.0, 0.5, 0.2]
     return values

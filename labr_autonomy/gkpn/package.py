@@ -7,19 +7,30 @@ from __future__ import annotations
 
 import hashlib
 import json
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from labr_autonomy.errors import BadInput
 
 ONNX_NAME, TENSORS_NAME, MANIFEST_NAME = "gkpn.onnx", "gkpn.safetensors", "manifest.json"
 FORMAT = 1
+RuntimeName = Literal["onnxruntime", "openvino"]
 REMEDY = "Restore the folder from the repository, or train anew: labr-mission train shipped --weights DIR"
 
 
 def packaged_dir() -> Path:
     """The weights that come with the package."""
     return Path(__file__).parent / "weights"
+
+
+def check_runtime(name: RuntimeName) -> None:
+    """Refuse a runtime that is not installed, with `BadInput`."""
+    if find_spec(name) is None:
+        raise BadInput(
+            f"the network is to run on {name}, which is not installed",
+            f"pip install 'labr-autonomy[{name}]', or leave network.runtime out of robot.yaml.",
+        )
 
 
 def sha256_hex(content: bytes) -> str:

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from labr_autonomy.config import RobotConfig
+from labr_autonomy.gkpn.package import ONNX_NAME, check_runtime, read_verified
 from labr_autonomy.mission import explain
 from labr_autonomy.mission.schema import GoalMode, Mission
 from labr_autonomy.mission.source import FileProblems, Source, parse, read_source
@@ -34,9 +35,16 @@ def load_robot(path: Path) -> RobotConfig:
 
     Raises:
         FileProblems: with everything wrong in it.
-        BadInput: when it cannot be read.
+        BadInput: when it cannot be read, or the network that it names cannot.
     """
-    return validated(read_source(path), RobotConfig)
+    robot = validated(read_source(path), RobotConfig)
+    network = robot.network
+    check_runtime(network.runtime)
+    if network.weights is None:
+        return robot
+    weights = (path.parent / network.weights).resolve()
+    read_verified(weights, ONNX_NAME, "Mend network.weights in robot.yaml, or leave it out.")
+    return robot.model_copy(update={"network": network.model_copy(update={"weights": weights})})
 
 
 def parse_mission(raw: bytes, file: str = "<mission>") -> Mission:

@@ -135,7 +135,7 @@ def simulator_spec(
         "keep_clear_m": clear_places(mission, robot),
         "ask_m": goal_places(mission, robot),
         "worlds_dir": str(worlds_dir) if worlds_dir is not None else None,
-        "robot": robot.model_dump(),
+        "robot": robot.model_dump(mode="json"),
         "die_with_parent": die_with_parent,
         "disturbances": disturbances.spec() if disturbances is not None else None,
     }

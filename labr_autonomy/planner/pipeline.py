@@ -49,7 +49,7 @@ class Pipeline:
         self._map = RollingMap(config)
         warm_up()
         shortest.warm_up()
-        self._network = GkpnOnnx()
+        self._network = GkpnOnnx(config.network.weights, config.network.runtime)
         self._refiner = Refiner(config)
         self._previous: Trajectory | None = None
         self._route = routes.State()

@@ -12,7 +12,6 @@ from click.testing import CliRunner
 torch = pytest.importorskip("torch", reason="training needs the train extra (torch)")
 pytest.importorskip("onnx", reason="exporting needs the train extra (onnx)")
 from labr_autonomy import cli  # noqa: E402
-from labr_autonomy.gkpn.infer import session  # noqa: E402
 from labr_autonomy.gkpn.local_map import SHOWN, SIDE  # noqa: E402
 from labr_autonomy.gkpn.networks.config import (  # noqa: E402
     AttentionConfig,
@@ -26,6 +25,7 @@ from labr_autonomy.gkpn.networks.planner import build, examples, from_values  # 
 from labr_autonomy.gkpn.networks.presets import NETWORKS  # noqa: E402
 from labr_autonomy.gkpn.networks.presets import PAPER as PAPER_NETWORKS  # noqa: E402
 from labr_autonomy.gkpn.onnx_file import onnx_bytes  # noqa: E402
+from labr_autonomy.gkpn.runtime import start  # noqa: E402
 
 TINY = PerceptionConfig(stem=4, stages=(8, 8, 8, 8), blocks=(1, 1, 1, 1))
 ATTENTION = AttentionConfig(embed=8, tail=8, hidden=(16, 16), fear=8)
@@ -104,7 +104,7 @@ def test_onnx_gives_what_torch_gives(config):
     feed = {"depth": depth.numpy(), "goal": goal.numpy()}
     feed |= {"map": maps[0].numpy()} if maps else {}
     feed |= {"floor": floor[0].numpy()} if floor else {}
-    points, mu = session(model, 1).run(["points", "mu"], feed)
+    points, mu = start(model, 1).run(feed)
     with torch.no_grad():
         expected, chance = net(depth, goal, *maps, *floor)
     assert np.abs(points - expected.numpy()).max() < 1e-4

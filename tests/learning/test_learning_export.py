@@ -11,7 +11,7 @@ pytest.importorskip("onnx")
 from learning_rig import shard  # noqa: E402
 
 from labr_autonomy.gkpn.choice import chosen  # noqa: E402
-from labr_autonomy.gkpn.infer import GkpnOnnx, session  # noqa: E402
+from labr_autonomy.gkpn.infer import GkpnOnnx  # noqa: E402
 from labr_autonomy.gkpn.learning.calibration import auc, calibration_error, platt, reliability  # noqa: E402
 from labr_autonomy.gkpn.learning.export import export, load_network  # noqa: E402
 from labr_autonomy.gkpn.learning.figures import judge_paths, straight_line, summary  # noqa: E402
@@ -21,6 +21,7 @@ from labr_autonomy.gkpn.local_map import CHANNELS  # noqa: E402
 from labr_autonomy.gkpn.networks.planner import build  # noqa: E402
 from labr_autonomy.gkpn.networks.presets import find_network  # noqa: E402
 from labr_autonomy.gkpn.package import ONNX_NAME  # noqa: E402
+from labr_autonomy.gkpn.runtime import start  # noqa: E402
 from labr_autonomy.types import Intrinsics  # noqa: E402
 
 
@@ -88,7 +89,7 @@ def test_what_is_written_computes_what_was_trained(views, tmp_path, name):
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     assert manifest["name"] == name
     again = load_network(tmp_path)
-    onnx = session((tmp_path / ONNX_NAME).read_bytes())
+    onnx = start((tmp_path / ONNX_NAME).read_bytes())
     for view in range(6):
         index = np.array([view])
         image, seen = views.images_m(index), views.local_maps(index)
@@ -100,7 +101,7 @@ def test_what_is_written_computes_what_was_trained(views, tmp_path, name):
         with torch.no_grad():
             for one in (net, again):
                 points, mu = one(image, goal, seen, floor)
-                found = onnx.run(["points", "mu"], feed)
+                found = onnx.run(feed)
                 np.testing.assert_allclose(found[0], points.numpy(), atol=1e-4)
                 np.testing.assert_allclose(found[1], mu.numpy(), atol=1e-4)
     flown = GkpnOnnx(tmp_path)

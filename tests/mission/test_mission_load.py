@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labr_autonomy.errors import BadInput
+from labr_autonomy.gkpn import package
+from labr_autonomy.gkpn.package import packaged_dir
 from labr_autonomy.mission.load import FileProblems, load_mission, load_robot, parse_mission, parse_robot
 from labr_autonomy.mission.schema import Goto, Land, OnFail, Point, Return, Wait, json_schema
 
@@ -177,6 +180,34 @@ def test_files_that_hold_no_mission(text):
     found = problems(text)
     assert len(found) == 1
     assert found[0][:2] == (1, 1)
+
+
+def test_a_robot_files_network_is_found_beside_it_and_refused_where_it_is_damaged(tmp_path):
+    for file in packaged_dir().iterdir():
+        target = tmp_path / "net" / file.name
+        target.parent.mkdir(exist_ok=True)
+        shutil.copyfile(file, target)
+    path = tmp_path / "robot.yaml"
+    path.write_text("network: {weights: net}\n")
+    assert load_robot(path).network.weights == tmp_path / "net"
+    (tmp_path / "net" / "gkpn.onnx").write_bytes(b"nothing")
+    with pytest.raises(BadInput, match=r"gkpn\.onnx are damaged") as refused:
+        load_robot(path)
+    assert "network.weights" in refused.value.do
+    path.write_text("network: {weights: elsewhere}\n")
+    with pytest.raises(BadInput, match=r"elsewhere/manifest\.json cannot be read"):
+        load_robot(path)
+
+
+def test_a_runtime_that_is_not_installed_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "robot.yaml"
+    path.write_text("network: {runtime: openvino}\n")
+    monkeypatch.setattr(package, "find_spec", lambda _: None)
+    with pytest.raises(BadInput, match="openvino, which is not installed") as refused:
+        load_robot(path)
+    assert "pip install 'labr-autonomy[openvino]'" in refused.value.do
+    monkeypatch.setattr(package, "find_spec", lambda _: True)
+    assert load_robot(path).network.runtime == "openvino"
 
 
 def test_robot_files_have_the_same_errors(tmp_path):

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from labr_autonomy.errors import BadInput
-from labr_autonomy.gkpn.infer import session
 from labr_autonomy.gkpn.package import MANIFEST_NAME, ONNX_NAME, read_manifest, read_verified
+from labr_autonomy.gkpn.runtime import start
 from sim.bench.alone.names import method_of
 
 VARIANTS = ("iplanner", "lapn", "spn", "gkpn")  # in the order of the paper's rows
@@ -71,7 +71,7 @@ def _read(folder: Path) -> Trained:
             f"the network in {folder} is called '{name}', which is no row of Table I",
             f"Table I compares {', '.join(VARIANTS)}; move it elsewhere",
         )
-    height, width = session(read_verified(folder, ONNX_NAME)).get_inputs()[0].shape[2:]
+    height, width = start(read_verified(folder, ONNX_NAME)).inputs["depth"][2:]
     training = manifest.get("training", {})
     return Trained(
         folder,
