@@ -16,6 +16,7 @@ from labr_autonomy.gkpn.learning.calibration import auc, calibration_error, plat
 from labr_autonomy.gkpn.learning.export import export, load_network  # noqa: E402
 from labr_autonomy.gkpn.learning.figures import judge_paths, straight_line, summary  # noqa: E402
 from labr_autonomy.gkpn.learning.settings import Settings  # noqa: E402
+from labr_autonomy.gkpn.learning.spoiled import KINDS  # noqa: E402
 from labr_autonomy.gkpn.learning.views import join  # noqa: E402
 from labr_autonomy.gkpn.local_map import CHANNELS  # noqa: E402
 from labr_autonomy.gkpn.networks.planner import build  # noqa: E402
@@ -86,6 +87,7 @@ def test_what_is_written_computes_what_was_trained(views, tmp_path, name):
     settings = Settings(name="t", network=name)
     metrics = export(net, tmp_path, settings, {"seed": 0, "loss": 1.0, "steps": 1}, views)
     assert metrics["calibration"]["figures"]["mu_calibration_error"] < 0.2
+    assert set(metrics["mean_mu"]) == {"as_seen", *KINDS}
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     assert manifest["name"] == name
     again = load_network(tmp_path)

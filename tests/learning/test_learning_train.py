@@ -17,6 +17,7 @@ from labr_autonomy.gkpn.learning import train as loop  # noqa: E402
 from labr_autonomy.gkpn.learning.cost import Cost  # noqa: E402
 from labr_autonomy.gkpn.learning.machine import Machine, find_machine  # noqa: E402
 from labr_autonomy.gkpn.learning.settings import Settings, read_settings  # noqa: E402
+from labr_autonomy.gkpn.learning.spoiled import KINDS  # noqa: E402
 from labr_autonomy.gkpn.learning.step import draw, step_losses  # noqa: E402
 from labr_autonomy.gkpn.learning.teacher import taught  # noqa: E402
 from labr_autonomy.gkpn.learning.views import join  # noqa: E402
@@ -135,6 +136,19 @@ def test_the_best_is_what_flew_best(lesson, tmp_path):
     chosen = loop.train(lesson, settings(closed_loop={"every": 4}), tmp_path, ALONE, Notes(), fly)
     np.testing.assert_array_equal(weights(chosen), seen[1])
     assert np.abs(seen[2] - seen[1]).max() > 0.0
+
+
+def test_each_way_of_spoiling_makes_another_image_of_the_same_size(lesson):
+    image = lesson.training.images_m(np.array([0]))[0]
+    rng = np.random.default_rng(0)
+    made = {name: spoil(image, rng) for name, spoil in KINDS.items()}
+    for one in made.values():
+        assert one.shape == image.shape
+        assert not torch.equal(one, image)
+    assert torch.equal(made["upside_down"].flip(-2), image)
+    h, w = (side // 4 for side in image.shape[-2:])
+    kept = made["torn"][:, : 4 * h, : 4 * w].flatten().sort().values
+    assert torch.equal(kept, image[:, : 4 * h, : 4 * w].flatten().sort().values)
 
 
 def test_spoiled_frames_are_to_be_feared_and_teach_no_path(lesson):

@@ -11,7 +11,14 @@ import safetensors.torch
 import torch
 
 from labr_autonomy.gkpn.learning.calibration import platt, reliability
-from labr_autonomy.gkpn.learning.figures import Paths, judge_paths, network_planner, straight_line, summary
+from labr_autonomy.gkpn.learning.figures import (
+    Paths,
+    judge_paths,
+    mu_when_spoiled,
+    network_planner,
+    straight_line,
+    summary,
+)
 from labr_autonomy.gkpn.learning.settings import Settings
 from labr_autonomy.gkpn.learning.views import Views
 from labr_autonomy.gkpn.networks.planner import PlanningNetwork, build, examples, from_values
@@ -75,6 +82,7 @@ def export(
         "network": summary(paths, validation.families),
         "straight_line": summary(line, validation.families),
         "calibration": calibration,
+        "mean_mu": mu_when_spoiled(network_planner(net), validation),
     }
     write_manifest(
         folder,

@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from labr_autonomy.gkpn.choice import chosen
 from labr_autonomy.gkpn.learning.calibration import auc, calibration_error
 from labr_autonomy.gkpn.learning.cost import Cost
+from labr_autonomy.gkpn.learning.spoiled import KINDS
 from labr_autonomy.gkpn.learning.step import asked
 from labr_autonomy.gkpn.learning.views import Views
 
@@ -25,6 +26,7 @@ NEAR_M = 2.0  # how far the robot gets before it plans anew, generously
 LIFTED_M = 0.25  # rise above the driving height that counts as flying
 SUNK_M = 0.12  # under the driving height: in the floor
 FAR_M = 4.0  # air goals farther than this show when the path lifts
+SPOILED_VIEWS = 200  # at most that are spoiled to see what mu says
 TRUSTED_MU = 0.5  # paper, section IV-C
 
 Figures = dict[str, Any]
@@ -164,3 +166,23 @@ def summary(paths: Paths, families: tuple[str, ...]) -> Figures:
             family: share(free, of_scene == family) for family in sorted(set(of_scene.tolist()))
         },
     }
+
+
+def mu_when_spoiled(plan: Planner, views: Views) -> dict[str, float]:
+    """Mean mu of a planner on images as they were seen, and on the same ones spoiled in each way.
+
+    The map stays as it was: a camera that fails does so in the middle of a drive.
+    """
+    rng = np.random.default_rng(5)
+    index = rng.permutation(len(views))[:SPOILED_VIEWS]
+    maps, floor = views.local_maps(index), torch.from_numpy(views.floor_m[index, None])
+    goals = torch.from_numpy(views.goals_m[index, 0])
+    seen = views.images_m(index)
+    images = {"as_seen": seen}
+    images |= {name: torch.stack([spoil(one, rng) for one in seen]) for name, spoil in KINDS.items()}
+    out = {}
+    with torch.no_grad():
+        for name, image in images.items():
+            _, logit = plan(image, maps, goals, floor)
+            out[name] = round(float(torch.sigmoid(logit).min(dim=1).values.mean()), 4)
+    return out

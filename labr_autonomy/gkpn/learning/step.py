@@ -13,6 +13,7 @@ from torch.nn import functional
 from labr_autonomy.gkpn.learning.cost import Asked
 from labr_autonomy.gkpn.learning.machine import Machine
 from labr_autonomy.gkpn.learning.settings import Settings
+from labr_autonomy.gkpn.learning.spoiled import spoiled
 from labr_autonomy.gkpn.learning.views import Views
 
 HOLE_SHARE = 0.02  # of patches of the image that are knocked out, besides the holes it has
@@ -56,7 +57,7 @@ def draw(
     images[:half], maps[:half] = images[:half].flip(-1), maps[:half].flip(-1)
     spoil = rng.random(count) < settings.spoiled
     for i in np.flatnonzero(spoil):
-        images[i] = _spoiled(images[i], rng)
+        images[i] = spoiled(images[i], rng)
     mirror = torch.ones(len(view), 3)
     mirror[: half * each, 1] = -1.0
     taught = None if taught_m is None else torch.from_numpy(taught_m[index[:, None], pick].astype(np.float32))
@@ -87,18 +88,6 @@ def _asked(views: Views, view: NDArray[np.int64], goal: NDArray[np.int64], to: t
         torch.from_numpy(views.in_air[view, goal]).to(to),
         torch.from_numpy(views.poses[view]).to(to),
     )
-
-
-def _spoiled(image_m: Tensor, rng: np.random.Generator) -> Tensor:
-    """A frame that no camera on this robot delivers: empty, saturated, upside down, noise."""
-    kind = rng.integers(0, 4)
-    if kind == 0:
-        return torch.zeros_like(image_m)
-    if kind == 1:
-        return torch.full_like(image_m, float(rng.uniform(0.3, 10.0)))
-    if kind == 2:
-        return image_m.flip(-2)
-    return torch.from_numpy(rng.uniform(0.0, 10.0, tuple(image_m.shape)).astype(np.float32))
 
 
 def step_losses(
@@ -136,9 +125,10 @@ def step_losses(
     hits = torch.maximum(judged.collides.reshape(b, h), batch.spoiled[:, None])
     fear = functional.binary_cross_entropy_with_logits(logit, hits)
     total = won + settings.others * rest + settings.fear * fear
-    for points_before in every[:-1]:
-        before = cost.total(cost.judge(points_before.reshape(b * h, n, 3), each, views)).reshape(b, h)
-        total = total + settings.early * (before.gather(1, best)[:, 0] * sound).sum() / count
+    here = torch.arange(b, device=best.device)
+    for earlier in every[:-1]:
+        price = cost.total(cost.judge(earlier[here, best[:, 0]], batch.asked, views))
+        total = total + settings.early * (price * sound).sum() / count
     parts = {
         name: (t.reshape(b, h).gather(1, best)[:, 0] * sound).sum() / count
         for name, t in judged.terms.items()
