@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-MARGIN = 0.1  # paths whose mu is at most this above the lowest are as safe as the safest
+MARGIN = 0.02  # paths whose mu is at most this above the lowest are as safe as the safest
 AIR_TO_LAND = 10.0  # a metre flown costs about this many driven
 AIR_HEIGHT_M = 0.25  # of a key point above the driving height, as `modes.decision` counts it
 

@@ -75,7 +75,7 @@ def test_the_cheapest_of_the_safe_paths_is_taken():
     detour = line + np.array([0.0, 1.0, 0.0])
     hop = line + np.array([0.0, 0.0, 1.0])
     points = np.stack([hop, detour, line])[None]
-    assert chosen(points, np.array([[0.1, 0.1, 0.15]]), 0.0)[0] == 2
+    assert chosen(points, np.array([[0.1, 0.1, 0.11]]), 0.0)[0] == 2
     assert chosen(points, np.array([[0.1, 0.1, 0.9]]), 0.0)[0] == 1
     assert chosen(points, np.array([[0.1, 0.9, 0.9]]), 0.0)[0] == 0
 
