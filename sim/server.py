@@ -200,7 +200,9 @@ async def serve(spec: SimSpec, out: Path) -> None:
     try:
         await simulator.open()
         robot_path = out / "robot.yaml"
-        robot_path.write_text(json.dumps(simulator.robot.model_dump(), indent=1) + "\n")  # JSON is YAML
+        robot_path.write_text(
+            json.dumps(simulator.robot.model_dump(mode="json"), indent=1) + "\n"
+        )  # JSON is YAML
         _say({"event": "ready", "robot": str(robot_path), "clearances_m": _clearances(simulator, spec)})
         with on_time():
             await simulator.run()

@@ -11,15 +11,13 @@ from torch import Tensor, nn
 OPSET = 17
 
 
-def onnx_bytes(net: nn.Module, *inputs: Tensor, keep_names: bool = False) -> bytes:
+def onnx_bytes(net: nn.Module, *inputs: Tensor) -> bytes:
     """The network for a batch of one.
 
     Args:
         net: With the call (depth (1, 1, height, width), goal (1, 3), ...) -> (key points, mu).
         inputs: An example of each.
-        keep_names: Leave every tensor as it is under its own name, instead of folding the batch norms away.
     """
-    mode = torch.onnx.TrainingMode.PRESERVE if keep_names else torch.onnx.TrainingMode.EVAL
     buffer = io.BytesIO()
     with warnings.catch_warnings():  # the TorchScript exporter is kept on purpose: it needs no onnxscript
         warnings.simplefilter("ignore")
@@ -30,8 +28,6 @@ def onnx_bytes(net: nn.Module, *inputs: Tensor, keep_names: bool = False) -> byt
             input_names=["depth", "goal", "map", "floor"][: len(inputs)],
             output_names=["points", "mu"],
             opset_version=OPSET,
-            training=mode,
-            do_constant_folding=not keep_names,
             dynamo=False,
         )
     return buffer.getvalue()

@@ -1,7 +1,4 @@
-"""The weights' folder: gkpn.onnx, gkpn.safetensors and manifest.json, which holds the sha256 of both.
-
-The benchmark's iPlanner keeps its one file in a folder of the same kind.
-"""
+"""The weights' folder: gkpn.onnx, gkpn.safetensors and manifest.json, which holds the sha256 of both."""
 
 from __future__ import annotations
 
@@ -72,12 +69,10 @@ def read_verified(weights_dir: Path, name: str, remedy: str = REMEDY) -> bytes:
     return content
 
 
-def write_manifest(
-    weights_dir: Path, facts: dict[str, Any], names: tuple[str, ...] = (ONNX_NAME, TENSORS_NAME)
-) -> None:
-    """Write the manifest for the named files of the folder, with further facts."""
+def write_manifest(weights_dir: Path, facts: dict[str, Any]) -> None:
+    """Write the manifest for the files of the folder, with further facts."""
     files = {}
-    for name in names:
+    for name in (ONNX_NAME, TENSORS_NAME):
         content = (weights_dir / name).read_bytes()
         files[name] = {"sha256": sha256_hex(content), "bytes": len(content)}
     text = json.dumps({"format": FORMAT, "files": files, **facts}, indent=1)

@@ -6,11 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-import torch
 
-from labr_autonomy.gkpn.export import load_network
 from labr_autonomy.gkpn.latency import latencies_ms
-from labr_autonomy.gkpn.network import HEIGHT, WIDTH
+from labr_autonomy.gkpn.learning.export import load_network
 from labr_autonomy.gkpn.networks.counts import counts, counts_of
 from labr_autonomy.gkpn.networks.planner import build, examples
 from labr_autonomy.gkpn.networks.presets import PAPER
@@ -42,9 +40,8 @@ def table2_rows(rounds: int, on_round: Callable[[], None] = lambda: None) -> lis
     for name, config in PAPER.items():
         params_m, flops_g = counts(config)
         rows.append({"method": name, "params_m": params_m, "flops_g": flops_g, "paper": TABLE_2[name]})
-    params_m, flops_g = counts_of(
-        load_network(packaged_dir()), torch.ones(1, 1, HEIGHT, WIDTH), torch.ones(1, 3)
-    )
+    shipped = load_network(packaged_dir())
+    params_m, flops_g = counts_of(shipped, *examples(shipped.config))
     rows.append({"method": SHIPPED, "params_m": params_m, "flops_g": flops_g, "paper": None})
     if rounds:
         models = {name: onnx_bytes(build(c), *examples(c)) for name, c in PAPER.items()}

@@ -46,7 +46,7 @@ class Stage:
     @classmethod
     def of(cls, spec: Mapping[str, Any], robot: RobotConfig) -> Stage:
         """The stage of a world, made anew only when the last trial was in another one."""
-        key = json.dumps([dict(spec), robot.model_dump()], sort_keys=True)
+        key = json.dumps([dict(spec), robot.model_dump(mode="json")], sort_keys=True)
         if cls._last is None or cls._last._key != key:
             if cls._last is not None:
                 cls._last.close()

@@ -186,7 +186,7 @@ def test_damaged_weights_are_refused_in_one_sentence(tmp_path):
     (tmp_path / "iplanner.onnx").write_bytes(content)
     with pytest.raises(BadInput, match=r"iplanner\.onnx are damaged: sha256 \w{12}, not \w{12}") as refused:
         IPlannerOnnx(tmp_path)
-    assert "sim.bench.iplanner.train" in refused.value.do
+    assert "Restore the folder" in refused.value.do
     with pytest.raises(BadInput, match=r"manifest\.json cannot be read"):
         IPlannerOnnx(tmp_path / "elsewhere")
 

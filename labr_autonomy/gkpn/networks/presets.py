@@ -63,7 +63,7 @@ _LABR = NetworkConfig(
     hypotheses=1,
 )
 
-# What ships, and what it loses without each of its additions.
+# What ships (labr-three), and what it loses without each of its additions.
 OURS: dict[str, NetworkConfig] = {
     "labr": _LABR,
     "labr-three": replace(_LABR, hypotheses=3),

@@ -23,7 +23,7 @@ from sim.bench.iplanner import fear
 from sim.bench.iplanner.follower import FollowerLimits, roll_out, warm_up
 from sim.bench.iplanner.weights import IPlannerOnnx
 
-BEARING_MAX_RAD = 1.7 * math.pi / 4.0  # of the training data's goals (sim.dataset)
+BEARING_MAX_RAD = 1.7 * math.pi / 4.0  # of the training data's goals
 AFRAID = "the network fears a collision on its path"
 NO_WINGS = "iPlanner only drives"
 

@@ -1,4 +1,4 @@
-"""The weights' folder of the benchmark's iPlanner: iplanner.onnx and manifest.json, and its inference."""
+"""The weights of the benchmark's iPlanner, and its inference."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from pathlib import Path
 from labr_autonomy.gkpn.infer import PlanningOnnx
 
 ONNX_NAME = "iplanner.onnx"
-REMEDY = (
-    "Restore the folder from the repository or export it again: python -m sim.bench.iplanner.train --weights"
-)
+REMEDY = "Restore the folder from the repository."
 
 
 def packaged_dir() -> Path:
