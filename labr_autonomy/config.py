@@ -105,7 +105,7 @@ class Energy(Section):
 class Clearance(Section):
     """Free distance demanded around the body's outline [m]."""
 
-    hard_m: float = Field(default=0.02, ge=0.0)  # a trajectory closer than this never leaves the refiner
+    hard_m: float = Field(default=0.04, ge=0.0)  # a trajectory closer than this never leaves the refiner
     soft_m: float = Field(default=0.12, ge=0.0)  # what the refiner aims for
     landing_m: float = Field(default=0.15, ge=0.0)  # free ring around the outline where it lands or takes off
 

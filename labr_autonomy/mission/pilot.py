@@ -221,11 +221,13 @@ class Pilot:
 
     def _progress(self, look: Look, now_s: float, events: list[str]) -> steps.Outputs:
         assert look.odometry is not None
+        free = look.order is Order.FLY and self.failsafe.reaction is Reaction.NONE
         inputs = steps.Inputs(
             position_m=look.odometry.pose.position_m,
             speed_mps=float(np.linalg.norm(look.odometry.velocity_mps)),
             mode=self.mode,
             settled=self.transition.phase in (Phase.DRIVING, Phase.FLYING),
+            stuck=free and self._facts is not None and self._facts.stuck,
         )
         index = self.steps.index
         paused = look.order is Order.HOLD and self.steps.status is Status.RUNNING

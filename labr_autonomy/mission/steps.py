@@ -81,6 +81,7 @@ class Inputs:
     speed_mps: float
     mode: Mode
     settled: bool  # driving or flying, not in between
+    stuck: bool = False  # the planner has tried everything
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +130,11 @@ def step(state: State, steps: Sequence[Step], i: Inputs, now_s: float) -> tuple[
             return _next(state, steps, current, now_s)
         return replace(state, rest_since_s=since_s), Outputs(current, distance)
     if now_s - state.entered_s > current.timeout_s:
-        return _failed(state, current, distance, now_s)
+        return _failed(state, current, f"not reached within {current.timeout_s:.0f} s", distance, now_s)
+    if i.stuck and current.kind is Kind.GOTO:
+        return _failed(
+            state, current, "no way there, after looking round, backing off and other ways", distance, now_s
+        )
     return replace(state, rest_since_s=None), Outputs(current, distance)
 
 
@@ -142,8 +147,8 @@ def _next(state: State, steps: Sequence[Step], current: Step, now_s: float) -> t
     return State(index, now_s, None, status), Outputs(following, 0.0, reached=current, say=say)
 
 
-def _failed(state: State, current: Step, distance_m: float, now_s: float) -> tuple[State, Outputs]:
-    say = f"{current.label}: not reached within {current.timeout_s:.0f} s ({distance_m:.1f} m left)"
+def _failed(state: State, current: Step, why: str, distance_m: float, now_s: float) -> tuple[State, Outputs]:
+    say = f"{current.label}: {why} ({distance_m:.1f} m left)"
     match current.on_fail:
         case OnFail.SKIP:
             moved = State(state.index + 1, now_s)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labr_autonomy.perception.compiled import compiled
+from labr_autonomy.perception.ground import STANDS
 from labr_autonomy.types import Array, Image
 
 Grid = NDArray[np.int8]
@@ -74,7 +75,7 @@ def _inside(cell: Any, shape: Any) -> bool:
 
 
 @compiled
-def _wholly_in_view(border_x: int, border_y: int, fx: float, fy: float, cell_m: float) -> float:
+def wholly_in_view(border_x: int, border_y: int, fx: float, fy: float, cell_m: float) -> float:
     """Depth from which on all of a cell is in view, that many pixels from the image's borders [m].
 
     A cell that the border cuts must not be carved: the part outside may hold the chair leg that was seen
@@ -97,7 +98,7 @@ def cast(
     touched: Any,
     sampling: Any,
     ranges: Any,
-    floor: Any,
+    kinds: Any,
     hit: int,
 ) -> int:
     """Mark what one depth image says.
@@ -113,8 +114,7 @@ def cast(
         touched: (nx*ny*nz,) int32, filled with the indices that were marked.
         sampling: stride [px], first row, first column.
         ranges: shortest and longest depth of the camera; longest marked and longest carved distance [m].
-        floor: height of the floor [cells], half-thickness of what counts as floor [cells], how much it
-            grows with distance [cells/m], from which distance on [m].
+        kinds: (h, w) of the returns (`ground`).
         hit: Worth of one certain return.
 
     Returns:
@@ -143,13 +143,11 @@ def cast(
             slant = math.sqrt(1.0 + left * left + up * up)
             distance = z * slant
             sigma_m = sigma_1 * z * z
-            height = eye[2] + direction[2] * z - floor[0]
-            band = floor[1] + floor[2] * max(0.0, distance - floor[3])
-            is_floor = abs(height) <= band or height < 0.0
+            is_floor = kinds[v, u] != STANDS
             returns = distance <= farthest and not is_floor
             before_m = 0.0 if is_floor else max(0.5 * cell_m / slant, 2.0 * sigma_m)
             reach = min(carve_m / slant, max(0.0, z - before_m))
-            begin = _wholly_in_view(min(u, w - 1 - u), min(v, h - 1 - v), fx, fy, cell_m)
+            begin = wholly_in_view(min(u, w - 1 - u), min(v, h - 1 - v), fx, fy, cell_m)
             if begin < reach:
                 for k in range(3):
                     start[k] = eye[k] + direction[k] * begin
@@ -194,7 +192,7 @@ def integrate(
     cell_m: float,
     sampling: tuple[int, int, int],
     ranges: tuple[float, float, float, float],
-    floor: tuple[float, float, float, float],
+    kinds: NDArray[np.uint8],
     weights: tuple[int, int, int, int],
 ) -> int:
     """Cast one image into `log_odds` (nx, ny, nz); see `cast` for the arguments.
@@ -210,7 +208,7 @@ def integrate(
         cell_m: Edge of a cell [m].
         sampling: See `cast`.
         ranges: See `cast`.
-        floor: See `cast`.
+        kinds: See `cast`.
         weights: hit, miss, lowest, highest log-odds, in the grid's units.
 
     Returns:
@@ -219,7 +217,7 @@ def integrate(
     hit, miss, lowest, highest = weights
     nx, ny, nz = log_odds.shape
     count: int = cast(
-        depth, optics, rotation, eye, cell_m, (nx, ny, nz), marks, touched, sampling, ranges, floor, hit
+        depth, optics, rotation, eye, cell_m, (nx, ny, nz), marks, touched, sampling, ranges, kinds, hit
     )
     apply(log_odds.reshape(-1), marks, touched, count, miss, lowest, highest)
     return count

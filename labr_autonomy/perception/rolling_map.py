@@ -15,7 +15,9 @@ from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import LabrError
 from labr_autonomy.frames import rotation_matrix
 from labr_autonomy.perception.columns import columns
+from labr_autonomy.perception.driving_layer import DrivingLayer
 from labr_autonomy.perception.fields import Bits, Field2, Field3
+from labr_autonomy.perception.ground import scan
 from labr_autonomy.perception.raycast import Grid, integrate
 from labr_autonomy.types import Array, DepthFrame, Intrinsics, Pose
 
@@ -25,9 +27,8 @@ HIT, MISS = 20, 5
 LOWEST, HIGHEST = -40, 70
 OCCUPIED = 30
 
-FLOOR_BAND_M = 0.06  # returns this close to the floor's plane are the floor
-FLOOR_TILT = math.radians(0.5)  # error of the attitude, which tells from ...
-FLOOR_TILT_FROM_M = 3.0  # ... this distance on
+FLOOR_BAND_M = 0.06  # lower than this above the floor nothing is in the way of a slice
+ON_WHEELS_M = 0.05  # no higher than this above its driving height, the robot is as inclined as the floor
 BELOW_FLOOR_CELLS = 2
 HEADROOM_M = 0.6  # above the body origin, kept inside the box
 LAYER_OVERLAP_M = 0.02  # a layer counts for a height range when it overlaps it by more than this
@@ -80,6 +81,8 @@ class RollingMap:
         self._marks = np.zeros(self.log_odds.size, np.int8)
         self._touched = np.zeros(self.log_odds.size, np.int32)
         self._placed = False
+        body = config.body
+        self.driving = DrivingLayer(size_m[0], body.below_m + body.above_m + LAND_HEADROOM_M)
         self.floor_z_m = 0.0
         self.frames = 0
 
@@ -121,26 +124,55 @@ class RollingMap:
         eye_m = pose.position_m + rotation @ np.array([camera.x_m, 0.0, camera.z_m])
         k = self.frames
         self.frames += 1
-        cell = self.cell_m
+        cell, optics = self.cell_m, _optics(frame.intrinsics)
+        depth_m = np.ascontiguousarray(frame.depth_m, np.float32)
+        sampling = (self.stride, k % self.stride, (k // self.stride) % self.stride)
+        near_m, far_m = camera.range_min_m, camera.range_max_m
+        kinds, floors_m = scan(
+            depth_m,
+            optics,
+            rotation,
+            eye_m,
+            *self._below(pose, eye_m, floor_z_m),
+            stride=self.stride,
+            first=sampling[2],
+            range_m=(near_m, far_m),
+        )
+        self.driving.update(
+            depth_m,
+            kinds,
+            floors_m,
+            optics=optics,
+            rotation=rotation,
+            eye_m=eye_m,
+            floor_z_m=floor_z_m,
+            sampling=sampling,
+            range_m=self.range_m,
+        )
         return integrate(
             self.log_odds,
             self._marks,
             self._touched,
-            np.ascontiguousarray(frame.depth_m, np.float32),
-            optics=_optics(frame.intrinsics),
+            depth_m,
+            optics=optics,
             rotation=rotation,
             eye=eye_m / cell - self._corner,
             cell_m=cell,
-            sampling=(self.stride, k % self.stride, (k // self.stride) % self.stride),
-            ranges=(camera.range_min_m, camera.range_max_m, self.range_m, self.range_m),
-            floor=(
-                floor_z_m / cell - float(self._corner[2]),
-                FLOOR_BAND_M / cell,
-                FLOOR_TILT / cell,
-                FLOOR_TILT_FROM_M,
-            ),
+            sampling=sampling,
+            ranges=(near_m, far_m, self.range_m, self.range_m),
+            kinds=kinds,
             weights=(HIT, MISS, LOWEST, HIGHEST),
         )
+
+    def _below(self, pose: Pose, eye_m: Array, floor_z_m: float) -> tuple[float, tuple[float, float]]:
+        """Floor below the camera, and its incline along x and y: the wheels' where they stand on it."""
+        up = rotation_matrix(pose.quaternion)[:, 2]
+        on_wheels = pose.position_m[2] - floor_z_m <= self._config.body.below_m + ON_WHEELS_M
+        if not on_wheels or up[2] < 0.5:
+            return floor_z_m, (0.0, 0.0)
+        x, y = float(-up[0] / up[2]), float(-up[1] / up[2])
+        ahead = eye_m - pose.position_m
+        return floor_z_m + x * float(ahead[0]) + y * float(ahead[1]), (x, y)
 
     def clear_robot(self, pose: Pose) -> None:
         """Mark the space the robot itself fills as free: cells whose centre lies in its outline."""
@@ -151,17 +183,30 @@ class RollingMap:
         low, high = self._layers(pose.position_m[2] - body.below_m, pose.position_m[2] + body.above_m)
         region = self.log_odds[x, y, low:high]
         region[disc] = np.minimum(region[disc], LOWEST)
+        if pose.position_m[2] - self.floor_z_m <= body.below_m + ON_WHEELS_M:
+            self.driving.clear(pose.position_m[:2], body.radius_m)
 
     def land_field(self, pose: Pose, floor_z_m: float) -> Field2:
-        """Distance to what hinders the driving body, over the whole box.
+        """Distance to what hinders the driving body, over the whole box; `driving_layer`.
+
+        Args:
+            pose: Body in odom; with the floor's height it places the box when nothing has been seen yet.
+            floor_z_m: Of the floor below it, odom.
+        """
+        if not self._placed:
+            self._follow(pose.position_m, floor_z_m)
+        return self.driving.field()
+
+    def slice_field(self, pose: Pose, floor_z_m: float) -> Field2:
+        """Distance to what would hinder a robot that drove at some height, as for flying at it.
 
         Known is a column where an obstacle was seen, or whose lowest layer and most of the others up to
         the robot's height were seen free.
 
         Args:
             pose: Body in odom; places the box when nothing has been seen yet.
-            floor_z_m: Height of the floor it drives on, odom. The box itself stays as the last frame left
-                it, so any height may be asked for, as for a slice at the height of flight.
+            floor_z_m: Height of the floor that it would drive on, odom; the box stays as the last frame
+                left it.
         """
         if not self._placed:
             self._follow(pose.position_m, floor_z_m)
@@ -235,6 +280,7 @@ class RollingMap:
             self._shift(corner - self._corner)
         self._corner = corner
         self._placed = True
+        self.driving.follow(position_m)
 
     def _shift(self, by: np.ndarray[tuple[int, ...], np.dtype[np.int64]]) -> None:
         """Move the contents by whole cells; what comes in is unknown."""

@@ -69,6 +69,7 @@ class PlanResult:
     landing_clear: bool
     timings: Timings
     hop: bool = False  # the way to a goal on land leaves the floor, or that to one in the air comes down
+    stuck: bool = False  # everything was tried: it gets no farther
     map_xy_m: NDArray[np.float32] | None = field(default=None)  # (n, 2) obstacle cells, now and then
 
 

@@ -18,6 +18,7 @@ from labr_autonomy.planner import routes
 from labr_autonomy.planner.kept_ways import KeptWays
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
 from labr_autonomy.planner.places import AT_END_M, UNDER_GOAL_M, column_clear
+from labr_autonomy.planner.way_out import WayOut
 from labr_autonomy.refine import shortest
 from labr_autonomy.refine.planner import Refiner
 from labr_autonomy.refine.reference import to_key_points
@@ -29,6 +30,9 @@ NETWORK_RANGE_M = 8.0  # farther goals are shown to the network at most at this 
 FAR_M = 3.0 * NETWORK_RANGE_M  # a key point farther away than this is not meant
 GOAL_JOIN_M = 0.6  # a path that ends this near the goal ends at it
 ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow
+NARROW_MARGIN_M = 0.01  # the same where the map offers no other way
+TIGHT_M = 0.12  # as near as this to obstacles leads a way when there is no other
+CAREFUL_MPS = 0.3
 PUSH_M = 0.08  # by so much the refiner pushes a path out of obstacles
 FIELD_HALF_M = (3.5, 3.5)
 MAP_EVERY_S = 1.0
@@ -54,6 +58,7 @@ class Pipeline:
         self._previous: Trajectory | None = None
         self._route = routes.State()
         self._land_ways, self._air_ways = KeptWays(), KeptWays()
+        self._way_out = WayOut()
         self._seen = -1
         self._drawn_s = -math.inf
 
@@ -70,6 +75,8 @@ class Pipeline:
         thought_s = now()
         if request.fresh or (self._previous is not None and self._previous.mode is not request.mode):
             self._previous = None
+        if request.fresh:
+            self._way_out.reset()
         field = self._map.land_field(request.body_pose, request.floor_z_m)
         ways = self._ways_on_land(request, field)
         if request.mode is Mode.LAND:
@@ -78,6 +85,7 @@ class Pipeline:
             followed, refined, routed_s, why = self._fly(request, network)
         done_s = now()
         self._previous = refined.trajectory
+        hop = request.mode is Mode.LAND and self._way_out.hops
         return PlanResult(
             sequence=request.sequence,
             frame_stamp_s=frame.stamp_s if frame is not None else math.nan,
@@ -88,9 +96,11 @@ class Pipeline:
             clearance_m=refined.clearance_m,
             reason="; ".join(part for part in (why, refined.reason) if part),
             lift_off_m=lift_off_distance_m(request.body_pose.position_m, network.points_m, network.air),
-            land_path_ends=self._land_path_ends(request, ways),
+            land_path_ends=hop or self._land_path_ends(request, ways),
             take_off_clear=self._column_clear(request, request.lift_to_m),
-            landing_clear=self._column_clear(request, float(request.body_pose.position_m[2])),
+            landing_clear=self._may_land(request, ways),
+            hop=hop,
+            stuck=request.mode is Mode.LAND and self._way_out.given_up,
             timings=Timings(
                 mapped_s - began_s,
                 thought_s - mapped_s,
@@ -141,9 +151,12 @@ class Pipeline:
         goal = request.goal_m[:2]
 
         def search() -> CostToGo:
-            radius_m = self._refiner.land_hard_m + ROUTE_MARGIN_M
-            reach_m = UNDER_GOAL_M if request.goal_in_air else GOAL_SNAP_M
-            return CostToGo(field, goal, radius_m, reach_m=reach_m)
+            reach_m = _reach_m(request)
+            plan, hard_m = field.coarser(), self._refiner.land_hard_m
+            wide = CostToGo(plan, goal, hard_m + ROUTE_MARGIN_M, reach_m=reach_m)
+            if math.isfinite(wide.cost_m(request.body_pose.position_m[:2])):
+                return wide
+            return CostToGo(plan, goal, hard_m + NARROW_MARGIN_M, reach_m=reach_m)
 
         return self._land_ways.of((float(goal[0]), float(goal[1])), request.start_s, search)
 
@@ -153,7 +166,7 @@ class Pipeline:
         floor_m = float(here[2]) - self._config.body.below_m - 0.1
 
         def search() -> CostToGo:
-            layer = self._map.land_field(Pose(here, request.body_pose.quaternion), floor_m)
+            layer = self._map.slice_field(Pose(here, request.body_pose.quaternion), floor_m)
             return CostToGo(layer, goal_m[:2], self._refiner.air_hard_m, reach_m=UNDER_GOAL_M)
 
         level = round(floor_m / self._map.cell_m)
@@ -212,6 +225,16 @@ class Pipeline:
                 followed = KeyPoints(points, np.zeros(len(points), bool), network.mu, Source.SEARCH)
         routed_s = self._clock.now_s()
         state = LandState(here[:2], motion.yaw_rad, motion.speed_mps, motion.yaw_rate_rps, float(here[2]))
+        doing = self._way_out.step(
+            request,
+            ways,
+            lambda closed: self._ways_through(request, field, closed),
+            lambda: self._column_clear(request, request.lift_to_m),
+        )
+        if doing is not None:
+            said = "; ".join(part for part in (self._way_out.state.action.value, why) if part)
+            refined = self._doing(state, doing, field, request)
+            return None, refined, self._clock.now_s(), said
         blocked = followed.source is Source.GKPN and bool(why)
         if blocked:  # nothing usable: come to rest
             trajectory = self._refiner.brake_land(state, request.start_s)
@@ -228,6 +251,35 @@ class Pipeline:
         if refined.stopped and followed.source is Source.GKPN:  # the map's way next, for a while
             self._route = routes.State(Source.SEARCH, request.start_s, 0)
         return followed, refined, routed_s, why
+
+    # ------------------------------------------------------------------ when it gets no farther
+    def _ways_through(self, request: PlanRequest, field: Field2, closed: tuple[Array, ...]) -> CostToGo:
+        """Ways that may lead through gaps that are too tight on the map, but for closed places."""
+        return CostToGo(
+            field.coarser(),
+            request.goal_m[:2],
+            self._refiner.land_hard_m + NARROW_MARGIN_M,
+            reach_m=_reach_m(request),
+            tight_m=TIGHT_M,
+            closed=closed,
+        )
+
+    def _doing(
+        self, state: LandState, what: Array | float, field: Field2, request: PlanRequest
+    ) -> RefineResult:
+        """The trajectory of a step of the recovery."""
+        if isinstance(what, float):
+            trajectory = self._refiner.turn(state, what, request.start_s)
+            return RefineResult(trajectory, Source.TURN, math.nan, False, "", 0.0)
+        return self._refiner.land(
+            state, what, field, request.start_s, self._previous, source=Source.SEARCH, speed_mps=CAREFUL_MPS
+        )
+
+    def _may_land(self, request: PlanRequest, ways: CostToGo) -> bool:
+        """Room to come down here, and, for a goal on land, a way to drive on from here."""
+        if not self._column_clear(request, float(request.body_pose.position_m[2])):
+            return False
+        return request.goal_in_air or math.isfinite(ways.cost_m(request.body_pose.position_m[:2]))
 
     # ------------------------------------------------------------------ second stage, in the air
     def _fly(
@@ -296,3 +348,8 @@ class Pipeline:
             return None
         self._drawn_s = now_s
         return np.asarray(field.surface_points(), dtype=np.float32)
+
+
+def _reach_m(request: PlanRequest) -> float:
+    """How far from the goal, or from below it, a drive may end."""
+    return UNDER_GOAL_M if request.goal_in_air else GOAL_SNAP_M

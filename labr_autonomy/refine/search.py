@@ -6,8 +6,9 @@ Dijkstra over the 8-neighbour grid (`shortest`). Cells near obstacles cost more,
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ START_SNAP_M = 0.8
 NEAR_COST, NEAR_M = 1.5, 0.25  # extra cost of a cell at the outline, and its decay with distance
 KEEP_M = 0.05  # distance beyond the radius where the extra cost is full
 ON_CELL = 0.51  # a goal this many cells from a cell's centre lies in it
+TIGHT_COST = 20.0  # factor on cells that are nearer to obstacles than a way should be
+CLOSED_M = 0.35  # round a place through which no way is to lead
 GAIN = 1.02  # a straight cut may cost this much of what it replaces
 
 
@@ -35,6 +38,8 @@ class CostToGo:
         radius_m: Least distance of a way to obstacles.
         unknown_cost: Factor on unknown cells (1 = as good as known).
         reach_m: How far the goal may be moved to free space.
+        tight_m: Ways may come as near as this to obstacles, at `TIGHT_COST`; `radius_m` when left out.
+        closed: (k, 2) places that no way leads through, within `CLOSED_M`.
     """
 
     def __init__(
@@ -44,13 +49,20 @@ class CostToGo:
         radius_m: float,
         unknown_cost: float = 2.0,
         reach_m: float = GOAL_SNAP_M,
+        *,
+        tight_m: float | None = None,
+        closed: Sequence[Array] = (),
     ) -> None:
         self._field = field
         self._radius_m = radius_m
         self._goal_xy = np.asarray(goal_xy, dtype=float)
         distance = np.asarray(field.distance_m, dtype=float)
-        self._free = distance > radius_m
+        self._free = distance > (radius_m if tight_m is None else tight_m)
+        for place in closed:
+            _shut(self._free, (place - field.origin_m) / field.cell_m - 0.5, CLOSED_M / field.cell_m)
         self._price = cell_cost(distance, field.known, radius_m, unknown_cost)
+        if tight_m is not None:
+            self._price = np.where(distance > radius_m, self._price, TIGHT_COST * self._price)
         inside = np.clip(goal_xy, field.origin_m + field.cell_m / 2, field.upper_m - field.cell_m / 2)
         self._goal = snap(field, self._free, inside, reach_m)
         self._cost_m: Array = np.full(self._free.size, np.inf)
@@ -79,6 +91,17 @@ class CostToGo:
         """Weighted metres left from a place (2,) odom; inf without a way."""
         at = self._index(place_xy)
         return math.inf if at is None else float(self._cost_m[at])
+
+    def first_gap(self, path_m: Array) -> Array | None:
+        """The first place (2,) where a way (k, 2) is nearer to obstacles than it should be, or None."""
+        for a, b in itertools.pairwise(path_m):
+            count = max(2, math.ceil(float(np.hypot(*(b - a))) / self._field.cell_m) + 1)
+            places = a + (b - a) * np.linspace(0.0, 1.0, count)[:, None]
+            tight = self._field.lookup(places) < self._radius_m
+            if tight.any():
+                place: Array = places[int(tight.argmax())]
+                return place
+        return None
 
     def path(self, start_xy: Array) -> Array | None:
         """Corners of the shortest way, (k, 2) odom with the start first; None without a way."""
@@ -124,6 +147,14 @@ def snap(field: Field2, free: NDArray[np.bool_], place: Array, reach_m: float) -
     best = int(gap.argmin())
     # half a cell's diagonal is rounding, not distance
     return near[best] if gap[best] <= reach + math.sqrt(0.5) else None
+
+
+def _shut(free: NDArray[np.bool_], at: Array, radius: float) -> None:
+    """Take a disc of cells out of the free ones."""
+    low = np.clip(np.floor(at - radius).astype(int), 0, free.shape)
+    high = np.clip(np.ceil(at + radius).astype(int) + 1, 0, free.shape)
+    i, j = np.ogrid[low[0] : high[0], low[1] : high[1]]
+    free[low[0] : high[0], low[1] : high[1]] &= (i - at[0]) ** 2 + (j - at[1]) ** 2 > radius**2
 
 
 def straightened(cells: NDArray[np.int64], free: NDArray[np.bool_], cost: Array) -> NDArray[np.int64]:

@@ -37,7 +37,7 @@ THINK_TICKS = 3  # from request to plan: 60 ms, the planner's median cycle besid
 DEPTH_AGE_S = 0.04  # age of the newest image of a 30 Hz stream
 TRACK_EVERY = 10  # ticks
 ACCEPT_M = 0.25  # the mission file's default
-STUCK_S, STUCK_M = 20.0, 0.5  # who has not left a circle of this radius for so long will not arrive
+STUCK_S, STUCK_M = 45.0, 0.5  # who has not left a circle of this radius for so long will not arrive
 
 
 @dataclass

@@ -9,6 +9,7 @@ from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import quaternion_from_rpy
 from labr_autonomy.modes import decision
 from labr_autonomy.modes.energy import EnergyModel
+from labr_autonomy.perception.driving_layer import CELL_M
 from labr_autonomy.perception.fields import Field2, Field3
 from labr_autonomy.perception.rolling_map import RollingMap
 from labr_autonomy.planner.messages import Motion, PlanRequest
@@ -133,13 +134,22 @@ def request(mode=Mode.LAND, goal=(5.0, 0.0, 1.4), in_air=True, yaw=0.0, start_s=
 def seen_map(wall_x_m=None, unseen_x_m=None):
     grid = RollingMap(CONFIG)
     grid.clear_robot(request().body_pose)
-    grid.log_odds[:] = -20
+    grid.log_odds[:], grid.driving.odds[:] = -20, -20
     grid.frames = 1
     for at, value in ((wall_x_m, 60), (unseen_x_m, 0)):
         if at is not None:
-            i = int((at - grid.origin_m[0]) / grid.cell_m)
-            grid.log_odds[i : i + 4, :, :] = value
+            put(grid, at, 0.4, value)
     return grid
+
+
+def put(grid, x_m, width_m, value):
+    """Believe something of a strip across the whole map, on the plan for driving as well."""
+    for cells, origin_m, cell_m in (
+        (grid.log_odds, grid.origin_m[0], grid.cell_m),
+        (grid.driving.odds, grid.driving.origin_m[0], CELL_M),
+    ):
+        i = int((x_m - origin_m) / cell_m)
+        cells[i : i + round(width_m / cell_m)] = value
 
 
 @pytest.mark.parametrize(
@@ -182,8 +192,7 @@ def test_a_goal_behind_is_turned_to_and_a_blocked_robot_stops_in_time():
     planner = with_map(seen_map())
     first = planner.cycle(request(goal=(6.0, 0.0, 0.12), in_air=False, speed=0.8), None)
     assert first.source is Source.SEARCH
-    i = int((0.9 - planner._map.origin_m[0]) / 0.1)
-    planner._map.log_odds[i : i + 2] = 60  # a wall all across, 0.9 m ahead
+    put(planner._map, 0.9, 0.2, 60)  # a wall all across, 0.9 m ahead
     again = request(goal=(6.0, 0.0, 0.12), in_air=False, speed=0.8, start_s=1.0, sequence=2)
     result = planner.cycle(again, None)
     assert result.trajectory.position_m[:, 0].max() < 0.9 - CONFIG.body.radius_m

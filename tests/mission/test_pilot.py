@@ -38,6 +38,7 @@ class Robot:
         self.refuse_arming = False
         self.plans = True
         self.landing_clear = self.take_off_clear = True
+        self.stuck = False
         self.health = {}
         self.order = Order.FLY
         self.actions = None
@@ -134,7 +135,7 @@ class Robot:
         self.pilot.accept(
             PlanResult(
                 1, self.now_s - 0.05, plan, points, points, Source.GKPN, 1.0, "", lift, False,
-                self.take_off_clear, self.landing_clear, Timings(),
+                self.take_off_clear, self.landing_clear, Timings(), stuck=self.stuck,
             ),
             self.now_s,
         )  # fmt: skip
@@ -417,3 +418,13 @@ def test_the_floor_follows_a_ramp_closely(rise):
     robot.run(20, until=watch)
     assert robot.position[0] > 1.5
     assert worst[0] < 0.02
+
+
+def test_a_planner_without_any_way_left_ends_the_mission_but_not_while_it_is_held():
+    robot = Robot(Step(Kind.GOTO, "a", np.array([9.0, 0.0, 0.0])))
+    robot.order, robot.stuck = Order.HOLD, True
+    robot.run(3.0)
+    assert robot.pilot.failure == ""
+    robot.order = Order.FLY
+    robot.run(3.0)
+    assert "a: no way there" in robot.pilot.failure

@@ -78,3 +78,17 @@ def test_a_goal_out_of_time_follows_its_policy(on_fail, status, index):
     state, out, _ = run(steps, [at(0)] * 12)
     assert (state.status, state.index) == (status, index)
     assert "9.0 m left" in out.say
+
+
+def test_a_planner_that_has_tried_everything_ends_the_step_by_its_policy():
+    stuck = Inputs(np.array([0.5, 0.0, 0.12]), 0.0, Mode.LAND, True, stuck=True)
+    state, out, _ = run([LAND_GOAL], [stuck] * 3)
+    assert state.status is LAND_GOAL_ON_FAIL[LAND_GOAL.on_fail]
+    state, out = step(State(), [LAND_GOAL], stuck, 0.0)
+    assert "no way there" in out.say
+    assert "2.5 m left" in out.say
+    waiting = Step(Kind.WAIT, "w", wait_s=5.0)
+    assert step(State(), [waiting], stuck, 0.0)[0].status is Status.RUNNING
+
+
+LAND_GOAL_ON_FAIL = {OnFail.STOP: Status.FAILED, OnFail.HOLD: Status.HOLDING, OnFail.SKIP: Status.DONE}

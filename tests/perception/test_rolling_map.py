@@ -299,9 +299,9 @@ def test_asking_for_a_slice_at_flying_height_changes_nothing():
     grid = play(RollingMap(CONFIG), depth_of([FLOOR, box, lamp], at), at, frames=9)
     before, origin = grid.log_odds.copy(), grid.origin_m
     point = np.array([[1.6, 0.0]])
-    slice_ = grid.land_field(at, 1.5 - 0.22)
+    slice_ = grid.slice_field(at, 1.5 - 0.22)
     assert slice_.lookup(point)[0] < 0.1
-    assert grid.land_field(at, 1.8).lookup(point)[0] > 1.0
+    assert grid.slice_field(at, 1.8).lookup(point)[0] > 1.0
     assert (grid.log_odds == before).all()
     assert (grid.origin_m == origin).all()
     assert grid.floor_z_m == 0.0
@@ -356,6 +356,6 @@ def test_a_leg_at_the_border_of_the_view_is_not_forgotten():
 
 
 def test_without_the_rule_of_the_border_the_leg_would_be_forgotten(monkeypatch):
-    monkeypatch.setattr(raycast, "_wholly_in_view", njit(lambda *_: 0.0))
+    monkeypatch.setattr(raycast, "wholly_in_view", njit(lambda *_: 0.0))
     monkeypatch.setattr(raycast, "cast", njit(raycast.cast.py_func))
     assert pan_past_a_leg(RollingMap(CONFIG)) != "occupied"

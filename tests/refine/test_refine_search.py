@@ -13,7 +13,7 @@ from refine_rooms import boxes2, random_boxes
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.refine import search
 from labr_autonomy.refine.reference import to_key_points
-from labr_autonomy.refine.search import search_land
+from labr_autonomy.refine.search import CostToGo, search_land
 
 
 def brute_force(free, price, start, goal):
@@ -121,3 +121,28 @@ def test_key_points_of_a_path():
     short = to_key_points(path[:2], spacing_m=0.9)
     assert np.allclose(short, [[0.9, 0], [1.8, 0], [2.0, 0]])
     assert np.allclose(to_key_points(np.array([[1.0, 1.0], [1.2, 1.0]])), [[1.2, 1.0]])
+
+
+def _rooms_with_a_gap(half_m):
+    """Two rooms, and between them a wall at x = 3 with a gap in its middle at y = 2."""
+    across = [(3.0, 0.0, 3.1, 2.0 - half_m), (3.0, 2.0 + half_m, 3.1, 4.0)]
+    return boxes2(across, (6.0, 4.0))
+
+
+def test_a_tight_gap_is_a_way_only_when_asked_for_and_is_named():
+    field = _rooms_with_a_gap(0.25)
+    start, goal = np.array([1.0, 2.3]), np.array([5.0, 1.8])
+    assert CostToGo(field, goal, 0.36).path(start) is None
+    tight = CostToGo(field, goal, 0.36, tight_m=0.12)
+    way = tight.path(start)
+    assert way is not None
+    gap = tight.first_gap(way)
+    assert abs(gap[0] - 3.05) < 0.4
+    assert abs(gap[1] - 2.0) < 0.25
+    assert CostToGo(field, goal, 0.36, tight_m=0.12, closed=[gap]).path(start) is None
+
+
+def test_a_wide_gap_is_preferred_to_a_tight_one():
+    wide = _rooms_with_a_gap(0.6)
+    ways = CostToGo(wide, np.array([5.0, 2.0]), 0.36, tight_m=0.12)
+    assert ways.first_gap(ways.path(np.array([1.0, 2.0]))) is None

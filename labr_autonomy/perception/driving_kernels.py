@@ -1,0 +1,241 @@
+"""Compiled kernels of the driving layer (`driving_layer`). Lengths in metres, places in cells."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from labr_autonomy.perception.compiled import compiled
+from labr_autonomy.perception.ground import BELOW, FLOOR, NOTHING, STANDS
+from labr_autonomy.perception.raycast import wholly_in_view
+
+CELL_M = 0.05
+HIT, MISS = 20, 2
+LOWEST, HIGHEST = -20, 70
+OCCUPIED = 30
+NO_FLOOR = -32768  # of the heights [mm]
+DROP = 6  # worth of a place where a floor is missing
+FLOOR_SHARE = 0.3  # of a new height in a cell's
+STEP_M = 0.10  # neighbouring floors farther apart than this are a ledge
+FLOOR_TO_M = 4.0  # heights are believed up to this distance
+DROP_TO_M = 3.0  # and missing floors up to this one
+
+
+@compiled
+def _carve(marks: Any, touched: Any, count: int, n: int, x0: float, y0: float, x1: float, y1: float) -> int:
+    """Mark the cells between two places (cells, floats) as passed (Amanatides-Woo 1987)."""
+    far = 1e18
+    i, j = math.floor(x0), math.floor(y0)
+    dx, dy = x1 - x0, y1 - y0
+    sx = 1 if dx > 0.0 else -1
+    sy = 1 if dy > 0.0 else -1
+    step_x = abs(1.0 / dx) if dx != 0.0 else far
+    step_y = abs(1.0 / dy) if dy != 0.0 else far
+    next_x = ((i + 1 - x0) if dx > 0.0 else (x0 - i)) * step_x if dx != 0.0 else far
+    next_y = ((j + 1 - y0) if dy > 0.0 else (y0 - j)) * step_y if dy != 0.0 else far
+    while 0 <= i < n and 0 <= j < n:
+        index = i * n + j
+        if marks[index] == 0:
+            marks[index] = 1
+            touched[count] = index
+            count += 1
+        if next_x < next_y:
+            if next_x > 1.0:
+                return count
+            next_x += step_x
+            i += sx
+        else:
+            if next_y > 1.0:
+                return count
+            next_y += step_y
+            j += sy
+    return count
+
+
+@compiled
+def _fill(marks: Any, touched: Any, count: int, n: int, x: float, y: float, worth: int) -> int:
+    """Add a return to the cell of a place."""
+    i, j = math.floor(x), math.floor(y)
+    if not (0 <= i < n and 0 <= j < n):
+        return count
+    index = i * n + j
+    if marks[index] == 0:
+        touched[count] = index
+        count += 1
+    marks[index] = min(max(marks[index], 1) + worth, HIT + 1)
+    return count
+
+
+@compiled
+def _at_height(above_0: float, above_1: float, top_m: float) -> tuple[float, float]:
+    """Part (begin, end) of a ray that runs between floor and robot's top; begin >= end where none does.
+
+    Args:
+        above_0: Height of the camera above the floor.
+        above_1: Height of the return above the floor there; below 0 where the floor is missing.
+        top_m: Robot's height.
+    """
+    begin, end = 0.0, 1.0
+    fall = above_0 - above_1
+    if above_0 > top_m:
+        begin = (above_0 - top_m) / fall if above_1 < top_m else 2.0
+    elif above_1 > top_m:
+        end = (above_0 - top_m) / fall
+    if above_1 < 0.0:
+        end = above_0 / fall
+    return begin, end
+
+
+@compiled
+def _take_return(
+    kind: int,
+    above_m: float,
+    run_m: float,
+    end: float,
+    x: float,
+    y: float,
+    eye_x: float,
+    eye_y: float,
+    spread: float,
+    floor_mm: float,
+    top_m: float,
+    range_m: float,
+    heights: Any,
+    marks: Any,
+    touched: Any,
+    count: int,
+) -> int:
+    """What a return says of its cell (x, y): its floor's height, or that something is there."""
+    n = heights.shape[0]
+    if kind == FLOOR and run_m <= FLOOR_TO_M:
+        i, j = math.floor(x), math.floor(y)
+        if 0 <= i < n and 0 <= j < n:
+            old = heights[i, j]
+            fresh = floor_mm if old == NO_FLOOR else old + FLOOR_SHARE * (floor_mm - old)
+            heights[i, j] = round(min(max(fresh, -32000.0), 32000.0))
+    elif kind == STANDS and above_m <= top_m and run_m <= range_m:
+        # probability that the surface lies in this cell, given the noise along the ray
+        worth = max(1, round(HIT * math.erf(0.5 * CELL_M / (max(spread, 1e-6) * 1.4142135623730951))))
+        count = _fill(marks, touched, count, n, x, y, worth)
+    elif kind == BELOW and above_m < -STEP_M and end * run_m <= DROP_TO_M:
+        count = _fill(marks, touched, count, n, eye_x + end * (x - eye_x), eye_y + end * (y - eye_y), DROP)
+    return count
+
+
+@compiled
+def update(
+    depth: Any,
+    kinds: Any,
+    floors: Any,
+    optics: Any,
+    rotation: Any,
+    eye: Any,
+    corner: Any,
+    top_m: float,
+    sampling: Any,
+    range_m: float,
+    odds: Any,
+    heights: Any,
+    marks: Any,
+    touched: Any,
+) -> int:
+    """Take an image into `odds` and `heights`; see `DrivingLayer.update`; `corner` ends in the floor."""
+    h, w = depth.shape
+    n = odds.shape[0]
+    fx, fy, cx, cy, sigma_1 = optics
+    count = 0
+    ex, ey = (eye[0] - corner[0]) / CELL_M, (eye[1] - corner[1]) / CELL_M
+    for v in range(sampling[1], h, sampling[0]):
+        for u in range(sampling[2], w, sampling[0]):
+            kind = kinds[v, u]
+            if kind == NOTHING:
+                continue
+            z = depth[v, u]
+            left, up = -(u - cx) / fx, -(v - cy) / fy
+            dx = rotation[0, 0] + rotation[0, 1] * left + rotation[0, 2] * up
+            dy = rotation[1, 0] + rotation[1, 1] * left + rotation[1, 2] * up
+            dz = rotation[2, 0] + rotation[2, 1] * left + rotation[2, 2] * up
+            flat = math.sqrt(dx * dx + dy * dy)
+            run, spread = z * flat, sigma_1 * z * z * flat
+            # the floor is taken as even from the robot to the return
+            above = eye[2] + z * dz - floors[v, u]
+            begin, end = _at_height(eye[2] - corner[2], above, top_m)
+            begin = max(begin, wholly_in_view(min(u, w - 1 - u), min(v, h - 1 - v), fx, fy, CELL_M) / z)
+            stop = end
+            if kind == STANDS and end == 1.0:
+                stop = max(0.0, 1.0 - max(0.5 * CELL_M, 2.0 * spread) / max(run, 1e-6))
+            stop = min(stop, range_m / max(run, 1e-6))
+            kx, ky = z * dx / CELL_M, z * dy / CELL_M
+            if begin < stop:
+                count = _carve(
+                    marks, touched, count, n, ex + begin * kx, ey + begin * ky, ex + stop * kx, ey + stop * ky
+                )
+            count = _take_return(
+                kind,
+                above,
+                run,
+                end,
+                ex + kx,
+                ey + ky,
+                ex,
+                ey,
+                spread,
+                1000.0 * floors[v, u],
+                top_m,
+                range_m,
+                heights,
+                marks,
+                touched,
+                count,
+            )
+    for k in range(count):
+        index = touched[k]
+        mark = marks[index]
+        marks[index] = 0
+        i, j = index // n, index % n
+        change = mark - 1 if mark > 1 else -MISS
+        odds[i, j] = min(max(odds[i, j] + change, LOWEST), HIGHEST)
+    return count
+
+
+@compiled
+def ledges(heights: Any, step_mm: int, occupied: Any) -> None:
+    """Mark cells whose floor lies more than a step off a neighbour's, two cells away at most."""
+    n, m = heights.shape
+    for i in range(n):
+        for j in range(m):
+            here = heights[i, j]
+            if here == NO_FLOOR:
+                continue
+            for a, b in ((1, 0), (0, 1), (2, 0), (0, 2)):
+                if i + a < n and j + b < m:
+                    there = heights[i + a, j + b]
+                    if there != NO_FLOOR and abs(here - there) > step_mm:
+                        occupied[i, j] = True
+                        occupied[i + a, j + b] = True
+
+
+@compiled
+def shadows(occupied: Any, odds: Any, depth: int, level: Any, queue: Any) -> None:
+    """Fill cells that were never seen, up to `depth` steps from occupied ones, through their like alone."""
+    n, m = occupied.shape
+    tail = 0
+    for i in range(n):
+        for j in range(m):
+            if occupied[i, j]:
+                queue[tail] = i * m + j
+                level[i, j] = 0
+                tail += 1
+    head = 0
+    while head < tail:
+        i, j = queue[head] // m, queue[head] % m
+        head += 1
+        if level[i, j] == depth:
+            continue
+        for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            x, y = i + a, j + b
+            if 0 <= x < n and 0 <= y < m and odds[x, y] == 0 and not occupied[x, y]:
+                occupied[x, y] = True
+                level[x, y] = level[i, j] + 1
+                queue[tail] = x * m + y
+                tail += 1

@@ -1,0 +1,146 @@
+"""What hinders driving, in a fine plan round the robot: the floor as it rises and falls, and what is on it.
+
+Cells of half the rolling map's edge hold two things: evidence for something between the floor and the
+robot's top (log-odds, as in the rolling map), and the floor's height where it was seen. A ray's part that
+runs at the robot's height frees the cells below it; a return that stands on the floor fills its cell, and so
+does the place where a ray passes through where the floor should have been: a drop. Frame: odom; metres.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labr_autonomy.perception import driving_kernels as kernels
+from labr_autonomy.perception.driving_kernels import CELL_M, LOWEST, NO_FLOOR, OCCUPIED, STEP_M
+from labr_autonomy.perception.fields import Field2
+from labr_autonomy.types import Array
+
+FADE_M = 1.0  # of way takes one unit from all evidence of obstacles: the pose drifts away from it
+SHADOW_M = 0.25  # what was never seen beside something solid counts as solid, so deep
+
+
+class DrivingLayer:
+    """The plan round the robot.
+
+    Args:
+        side_m: Edge of the square that moves with the robot.
+        top_m: Height above the floor up to which something is in the way.
+    """
+
+    def __init__(self, side_m: float, top_m: float) -> None:
+        n = round(side_m / CELL_M)
+        self.odds = np.zeros((n, n), np.int8)
+        self.heights_mm = np.full((n, n), NO_FLOOR, np.int16)
+        self._top_m = top_m
+        self._corner = np.zeros(2, np.int64)  # odom, in whole cells
+        self._marks = np.zeros(n * n, np.int8)
+        self._touched = np.zeros(n * n, np.int32)
+        self._faded_m: Array | None = None  # where the evidence last faded
+
+    @property
+    def origin_m(self) -> Array:
+        """Lower corner (2,), odom."""
+        out: Array = self._corner.astype(np.float64) * CELL_M
+        return out
+
+    def follow(self, place_m: Array) -> None:
+        """Move the square by whole cells so that a place (2|3,) is in its middle; new cells are unknown."""
+        n = self.odds.shape[0]
+        corner = np.floor(np.asarray(place_m[:2], float) / CELL_M).astype(np.int64) - n // 2
+        by = corner - self._corner
+        if by.any():
+            self.odds = _moved(self.odds, by, 0)
+            self.heights_mm = _moved(self.heights_mm, by, NO_FLOOR)
+        self._corner = corner
+        place = np.array(place_m[:2], float)
+        if self._faded_m is None:
+            self._faded_m = place
+        elif float(np.hypot(*(place - self._faded_m))) >= FADE_M:
+            self._faded_m = place
+            self.odds -= self.odds > 0
+
+    def update(
+        self,
+        depth_m: NDArray[np.float32],
+        kinds: NDArray[np.uint8],
+        floors_m: NDArray[np.float32],
+        *,
+        optics: tuple[float, float, float, float, float],
+        rotation: NDArray[np.float64],
+        eye_m: Array,
+        floor_z_m: float,
+        sampling: tuple[int, int, int],
+        range_m: float,
+    ) -> int:
+        """Take in one image and what `ground.scan` made of it; the rest as there.
+
+        Args:
+            depth_m: The image.
+            kinds: Of its returns.
+            floors_m: Below them.
+            optics: See `ground.scan`.
+            rotation: See `ground.scan`.
+            eye_m: See `ground.scan`.
+            floor_z_m: See `ground.scan`.
+            sampling: Stride [px], first row, first column.
+            range_m: Farthest return that counts.
+
+        Returns:
+            How many cells were seen.
+        """
+        corner = np.array([*self.origin_m, floor_z_m])
+        count: int = kernels.update(
+            depth_m,
+            kinds,
+            floors_m,
+            optics,
+            rotation,
+            eye_m,
+            corner,
+            self._top_m,
+            sampling,
+            range_m,
+            self.odds,
+            self.heights_mm,
+            self._marks,
+            self._touched,
+        )
+        return count
+
+    def clear(self, xy_m: Array, radius_m: float) -> None:
+        """Mark a disc as free: the robot stands there."""
+        at = (np.asarray(xy_m, float) - self.origin_m) / CELL_M
+        n = self.odds.shape[0]
+        low = np.clip(np.floor(at - radius_m / CELL_M).astype(int), 0, n)
+        high = np.clip(np.ceil(at + radius_m / CELL_M).astype(int), 0, n)
+        i, j = np.ogrid[low[0] : high[0], low[1] : high[1]]
+        disc: NDArray[np.bool_] = (i + 0.5 - at[0]) ** 2 + (j + 0.5 - at[1]) ** 2 <= (radius_m / CELL_M) ** 2
+        region = self.odds[low[0] : high[0], low[1] : high[1]]
+        region[disc] = np.minimum(region[disc], LOWEST)
+
+    def field(self) -> Field2:
+        """Distance to what hinders the driving body, over the whole square.
+
+        Of a box that was seen from one side the others are not known: what is unknown beside something solid
+        counts as solid, `SHADOW_M` deep.
+        """
+        occupied = self.odds >= OCCUPIED
+        kernels.ledges(self.heights_mm, round(1000.0 * STEP_M), occupied)
+        known = occupied | (self.odds < 0)
+        level, queue = np.zeros(occupied.shape, np.int16), np.empty(occupied.size, np.int32)
+        kernels.shadows(occupied, self.odds, round(SHADOW_M / CELL_M), level, queue)
+        return Field2.from_occupied(occupied, known, self.origin_m, CELL_M)
+
+
+def _moved(values: NDArray[Any], by: NDArray[np.int64], new: int) -> NDArray[Any]:
+    """The contents moved by whole cells, what comes in filled with `new`."""
+    out = np.full_like(values, new)
+    n, m = values.shape
+    if abs(int(by[0])) < n and abs(int(by[1])) < m:
+        source = tuple(slice(max(0, int(d)), s + min(0, int(d))) for d, s in zip(by, (n, m), strict=True))
+        target = tuple(slice(max(0, -int(d)), s - max(0, int(d))) for d, s in zip(by, (n, m), strict=True))
+        out[target] = values[source]
+    return out

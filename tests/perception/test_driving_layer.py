@@ -1,0 +1,162 @@
+"""What hinders driving: on level floors, slopes, steps, drops, and under tables."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.frames import quaternion_from_rpy, rotation_matrix
+from labr_autonomy.perception.ground import BELOW, FLOOR, STANDS, scan
+from labr_autonomy.perception.rolling_map import RollingMap
+from labr_autonomy.types import DepthFrame, Pose
+
+CONFIG = RobotConfig()
+OPTICS = CONFIG.camera.intrinsics
+V, U = np.mgrid[0 : OPTICS.height, 0 : OPTICS.width]
+RAYS = np.stack([np.ones(U.shape), -(U + 1e-4 - OPTICS.cx) / OPTICS.fx, -(V + 1e-4 - OPTICS.cy) / OPTICS.fy])
+BELOW_M = CONFIG.body.below_m
+FAR = 90.0
+
+
+def plane(x0, x1, z0, slope=0.0, y=(-FAR, FAR)):
+    """A piece of floor z = z0 + slope (x - x0) between two places along x."""
+    return ("plane", x0, x1, z0, slope, y)
+
+
+def box(lower, upper):
+    return ("box", lower, upper)
+
+
+def seen(things, at, noise=None):
+    """Depth image of planes and boxes, with the noise of a D435 where a generator is given."""
+    rotation = rotation_matrix(at.quaternion)
+    eye = at.position_m + rotation @ np.array([CONFIG.camera.x_m, 0.0, CONFIG.camera.z_m])
+    rays = np.einsum("ij,jvu->ivu", rotation, RAYS)
+    depth = np.full(U.shape, np.inf)
+    for thing in things:
+        if thing[0] == "plane":
+            _, x0, x1, z0, slope, (y0, y1) = thing
+            with np.errstate(divide="ignore"):
+                t = (z0 + slope * (eye[0] - x0) - eye[2]) / (rays[2] - slope * rays[0])
+            x, y = eye[0] + t * rays[0], eye[1] + t * rays[1]
+            there = (t > 0) & (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
+        else:
+            _, lower, upper = thing
+            a = (np.array(lower)[:, None, None] - eye[:, None, None]) / rays
+            b = (np.array(upper)[:, None, None] - eye[:, None, None]) / rays
+            t, out = np.minimum(a, b).max(axis=0), np.maximum(a, b).min(axis=0)
+            there = (t < out) & (t > 0)
+        depth = np.where(there, np.minimum(depth, t), depth)
+    depth = np.where(np.isfinite(depth), depth, 0.0)
+    if noise is not None:
+        depth = depth + noise.normal(0, 1, depth.shape) * 0.1 * depth**2 / (2 * OPTICS.fx * 0.05)
+    return np.where((depth > 0.3) & (depth < 10.0), depth, 0.0).astype(np.float32)
+
+
+def standing(x=0.0, y=0.0, z=0.0, yaw=0.0, pitch=0.0):
+    return Pose(np.array([x, y, z + BELOW_M]), quaternion_from_rpy(0.0, pitch, yaw))
+
+
+def mapped(things, at=None, frames=9, seed=0):
+    at, rng = at or standing(), np.random.default_rng(seed)
+    grid = RollingMap(CONFIG)
+    floor_z = float(at.position_m[2]) - BELOW_M
+    for k in range(frames):
+        grid.update(DepthFrame(k, 0.0, seen(things, at, rng), OPTICS), at, floor_z)
+        grid.clear_robot(at)
+    return grid.land_field(at, floor_z)
+
+
+def clear(field, x, y=0.0):
+    return float(field.lookup(np.array([[x, y]]))[0])
+
+
+LEVEL = plane(-FAR, FAR, 0.0)
+
+
+def test_an_even_floor_is_free_as_far_as_it_is_seen():
+    field = mapped([LEVEL])
+    assert clear(field, 3.0) > 1.0
+    assert field.is_known(np.array([[1.0, 0.0], [3.0, 0.5], [-2.0, 0.0]])).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("slope", [0.08, 0.15, 0.25, -0.12])
+def test_a_ramp_is_driven_on_and_a_wall_of_its_height_is_not(slope):
+    ramp = [plane(-FAR, 1.5, 0.0), plane(1.5, 4.5, 0.0, slope), plane(4.5, FAR, 3.0 * slope)]
+    field = mapped(ramp)
+    for x in (1.2, 1.6, 2.0, 2.5):
+        assert clear(field, x) > 0.4
+    wall = mapped([plane(-FAR, 1.5, 0.0), box([1.5, -9.0, 0.0], [9.0, 9.0, 0.3])])
+    assert clear(wall, 1.3) < 0.25
+
+
+@pytest.mark.parametrize("slope", [0.15, 0.3])
+def test_on_a_ramp_its_own_floor_is_free_and_a_box_on_it_is_not(slope):
+    pitch = -math.atan(slope)
+    at = Pose(
+        np.array([0.0, 0.0, BELOW_M / math.cos(pitch)]), quaternion_from_rpy(0.0, pitch, 0.0)
+    )  # nose up
+    floor = plane(-90.0, 90.0, slope * -90.0, slope)
+    assert clear(mapped([floor], at), 2.0) > 0.8
+    on_it = box([1.5, -0.2, slope * 1.5 - 0.1], [1.7, 0.2, slope * 1.7 + 0.25])
+    assert clear(mapped([floor, on_it], at), 1.4) < 0.2
+
+
+@pytest.mark.parametrize("height", [0.09, 0.15, 0.30])
+@pytest.mark.parametrize("x", [0.9, 1.5, 2.2])
+def test_a_low_box_is_in_the_way(height, x):
+    field = mapped([LEVEL, box([x, -0.15, 0.0], [x + 0.3, 0.15, height])])
+    assert clear(field, x - 0.1) == pytest.approx(0.1, abs=0.09)
+    assert clear(field, x, 0.6) > 0.3
+
+
+def test_under_a_table_is_free_and_its_legs_are_not():
+    legs = [box([x, y, 0.0], [x + 0.04, y + 0.04, 0.7]) for x in (1.2, 2.0) for y in (-0.6, 0.56)]
+    field = mapped([LEVEL, *legs, box([1.1, -0.7, 0.7], [2.1, 0.7, 0.74])], frames=18)
+    assert clear(field, 1.4) > 0.35
+    for y in (-0.58, 0.58):
+        assert clear(field, 1.22, y) < 0.06
+
+
+def test_the_edge_of_a_drop_is_in_the_way():
+    deck = [plane(-FAR, 1.2, 0.0), plane(1.2, FAR, -0.8)]
+    field = mapped(deck)
+    assert clear(field, 1.5) < 0.15
+    assert clear(field, 0.8) > 0.2
+
+
+def test_a_wall_is_met_to_within_a_cell_and_a_doorway_stays_as_wide_as_it_is():
+    walls = [box([2.0, -3.0, 0.0], [2.1, -0.42, 2.0]), box([2.0, 0.42, 0.0], [2.1, 3.0, 2.0])]
+    field = mapped([LEVEL, *walls], frames=18)
+    assert clear(field, 1.5, 1.0) == pytest.approx(0.5, abs=0.06)
+    assert clear(field, 2.05) == pytest.approx(0.42, abs=0.06)
+
+
+def test_each_return_is_called_what_it_is():
+    at = standing()
+    things = [plane(-FAR, 1.2, 0.0), plane(1.2, FAR, -0.4), box([1.0, 0.3, 0.0], [1.1, 0.8, 0.5])]
+    depth = seen(things, at)
+    rotation = rotation_matrix(at.quaternion)
+    eye = at.position_m + np.array([CONFIG.camera.x_m, 0.0, CONFIG.camera.z_m])
+    optics = (OPTICS.fx, OPTICS.fy, OPTICS.cx, OPTICS.cy, 0.0)
+    kinds, floors = scan(depth, optics, rotation, eye, 0.0, (0.0, 0.0), stride=1, first=0, range_m=(0.3, 10))
+    places = eye[:, None, None] + depth * np.einsum("ij,jvu->ivu", rotation, RAYS)
+    x, _, z = places
+    looked = (depth > 0) & (x < 6.0)
+    on_box = looked & (z > 0.05) & (x < 1.15)
+    floor = looked & (abs(z) < 1e-3)
+    lower = looked & (z < -0.35)
+    assert (kinds[on_box] == STANDS).mean() > 0.99
+    assert (kinds[floor] == FLOOR).mean() > 0.99
+    assert (kinds[lower] == BELOW).mean() > 0.99
+    assert np.abs(floors[on_box]).max() < 0.05
+    assert (kinds[depth == 0] == 0).all()
+
+
+def test_the_far_side_of_a_box_is_taken_to_be_solid_until_it_is_seen():
+    field = mapped([LEVEL, box([1.5, -0.2, 0.0], [1.9, 0.2, 0.27])])
+    assert clear(field, 1.68) < 0.0  # its inside, seen by nobody
+    assert clear(field, 1.68, 0.6) > 0.25  # the free floor beside it stays free
