@@ -7,7 +7,7 @@ from typing import Any
 
 from labr_autonomy.perception.compiled import compiled
 from labr_autonomy.perception.ground import BELOW, FLOOR, NOTHING, STANDS
-from labr_autonomy.perception.raycast import wholly_in_view
+from labr_autonomy.perception.raycast import add_return, return_worth, wholly_in_view
 
 CELL_M = 0.05
 HIT, MISS = 20, 2
@@ -58,11 +58,7 @@ def _fill(marks: Any, touched: Any, count: int, n: int, x: float, y: float, wort
     i, j = math.floor(x), math.floor(y)
     if not (0 <= i < n and 0 <= j < n):
         return count
-    index = i * n + j
-    if marks[index] == 0:
-        touched[count] = index
-        count += 1
-    marks[index] = min(max(marks[index], 1) + worth, HIT + 1)
+    count = add_return(marks, touched, count, i * n + j, worth, HIT)
     return count
 
 
@@ -114,16 +110,14 @@ def _take_return(
             fresh = floor_mm if old == NO_FLOOR else old + FLOOR_SHARE * (floor_mm - old)
             heights[i, j] = round(min(max(fresh, -32000.0), 32000.0))
     elif kind == STANDS and above_m <= top_m and run_m <= range_m:
-        # probability that the surface lies in this cell, given the noise along the ray
-        worth = max(1, round(HIT * math.erf(0.5 * CELL_M / (max(spread, 1e-6) * 1.4142135623730951))))
-        count = _fill(marks, touched, count, n, x, y, worth)
+        count = _fill(marks, touched, count, n, x, y, return_worth(HIT, CELL_M, spread))
     elif kind == BELOW and above_m < -STEP_M and end * run_m <= DROP_TO_M:
         count = _fill(marks, touched, count, n, eye_x + end * (x - eye_x), eye_y + end * (y - eye_y), DROP)
     return count
 
 
 @compiled
-def update(
+def cast(
     depth: Any,
     kinds: Any,
     floors: Any,
@@ -134,14 +128,16 @@ def update(
     top_m: float,
     sampling: Any,
     range_m: float,
-    odds: Any,
     heights: Any,
     marks: Any,
     touched: Any,
 ) -> int:
-    """Take an image into `odds` and `heights`; see `DrivingLayer.update`; `corner` ends in the floor."""
+    """Mark what an image says, and take its floors into `heights`; see `DrivingLayer.update`.
+
+    `corner` ends in the floor's height. Returns how many cells were touched.
+    """
     h, w = depth.shape
-    n = odds.shape[0]
+    n = heights.shape[0]
     fx, fy, cx, cy, sigma_1 = optics
     count = 0
     ex, ey = (eye[0] - corner[0]) / CELL_M, (eye[1] - corner[1]) / CELL_M
@@ -188,13 +184,6 @@ def update(
                 touched,
                 count,
             )
-    for k in range(count):
-        index = touched[k]
-        mark = marks[index]
-        marks[index] = 0
-        i, j = index // n, index % n
-        change = mark - 1 if mark > 1 else -MISS
-        odds[i, j] = min(max(odds[i, j] + change, LOWEST), HIGHEST)
     return count
 
 

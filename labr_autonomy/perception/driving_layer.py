@@ -8,14 +8,14 @@ does the place where a ray passes through where the floor should have been: a dr
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from labr_autonomy.perception import driving_kernels as kernels
-from labr_autonomy.perception.driving_kernels import CELL_M, LOWEST, NO_FLOOR, OCCUPIED, STEP_M
+from labr_autonomy.perception.driving_kernels import CELL_M, HIGHEST, LOWEST, MISS, NO_FLOOR, OCCUPIED, STEP_M
 from labr_autonomy.perception.fields import Field2
+from labr_autonomy.perception.raycast import apply
+from labr_autonomy.perception.shift import moved
 from labr_autonomy.types import Array
 
 FADE_M = 1.0  # of way takes one unit from all evidence of obstacles: the pose drifts away from it
@@ -52,8 +52,8 @@ class DrivingLayer:
         corner = np.floor(np.asarray(place_m[:2], float) / CELL_M).astype(np.int64) - n // 2
         by = corner - self._corner
         if by.any():
-            self.odds = _moved(self.odds, by, 0)
-            self.heights_mm = _moved(self.heights_mm, by, NO_FLOOR)
+            self.odds = moved(self.odds, by, 0)
+            self.heights_mm = moved(self.heights_mm, by, NO_FLOOR)
         self._corner = corner
         place = np.array(place_m[:2], float)
         if self._faded_m is None:
@@ -92,7 +92,7 @@ class DrivingLayer:
             How many cells were seen.
         """
         corner = np.array([*self.origin_m, floor_z_m])
-        count: int = kernels.update(
+        count: int = kernels.cast(
             depth_m,
             kinds,
             floors_m,
@@ -103,11 +103,11 @@ class DrivingLayer:
             self._top_m,
             sampling,
             range_m,
-            self.odds,
             self.heights_mm,
             self._marks,
             self._touched,
         )
+        apply(self.odds.reshape(-1), self._marks, self._touched, count, MISS, LOWEST, HIGHEST)
         return count
 
     def clear(self, xy_m: Array, radius_m: float) -> None:
@@ -133,14 +133,3 @@ class DrivingLayer:
         level, queue = np.zeros(occupied.shape, np.int16), np.empty(occupied.size, np.int32)
         kernels.shadows(occupied, self.odds, round(SHADOW_M / CELL_M), level, queue)
         return Field2.from_occupied(occupied, known, self.origin_m, CELL_M)
-
-
-def _moved(values: NDArray[Any], by: NDArray[np.int64], new: int) -> NDArray[Any]:
-    """The contents moved by whole cells, what comes in filled with `new`."""
-    out = np.full_like(values, new)
-    n, m = values.shape
-    if abs(int(by[0])) < n and abs(int(by[1])) < m:
-        source = tuple(slice(max(0, int(d)), s + min(0, int(d))) for d, s in zip(by, (n, m), strict=True))
-        target = tuple(slice(max(0, -int(d)), s - max(0, int(d))) for d, s in zip(by, (n, m), strict=True))
-        out[target] = values[source]
-    return out

@@ -87,6 +87,22 @@ def wholly_in_view(border_x: int, border_y: int, fx: float, fy: float, cell_m: f
 
 
 @compiled
+def return_worth(hit: int, cell_m: float, spread_m: float) -> int:
+    """What a return counts: the probability that its surface lies in this cell, given the ray's noise."""
+    return max(1, round(hit * math.erf(0.5 * cell_m / (max(spread_m, 1e-6) * 1.4142135623730951))))
+
+
+@compiled
+def add_return(marks: Any, touched: Any, count: int, index: int, worth: int, hit: int) -> int:
+    """Mark a cell with a return, capped at one full hit a frame; returns the new count of touched cells."""
+    if marks[index] == 0:
+        touched[count] = index
+        count += 1
+    marks[index] = min(max(marks[index], 1) + worth, hit + 1)
+    return count
+
+
+@compiled
 def cast(
     depth: Any,
     optics: Any,
@@ -158,14 +174,9 @@ def cast(
                 iy = math.floor(eye[1] + direction[1] * z)
                 iz = math.floor(eye[2] + direction[2] * z)
                 if _inside((ix, iy, iz), shape):
-                    # Probability that the surface lies in this cell, given the noise along the ray.
-                    share = math.erf(0.5 * cell_m / (max(sigma_m * slant, 1e-6) * 1.4142135623730951))
-                    worth = max(1, round(hit * share))
+                    worth = return_worth(hit, cell_m, sigma_m * slant)
                     index = (ix * shape[1] + iy) * shape[2] + iz
-                    if marks[index] == 0:
-                        touched[count] = index
-                        count += 1
-                    marks[index] = min(max(marks[index], 1) + worth, hit + 1)
+                    count = add_return(marks, touched, count, index, worth, hit)
     return count
 
 

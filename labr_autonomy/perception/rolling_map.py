@@ -19,6 +19,7 @@ from labr_autonomy.perception.driving_layer import DrivingLayer
 from labr_autonomy.perception.fields import Bits, Field2, Field3
 from labr_autonomy.perception.ground import scan
 from labr_autonomy.perception.raycast import Grid, integrate
+from labr_autonomy.perception.shift import moved
 from labr_autonomy.types import Array, DepthFrame, Intrinsics, Pose
 
 # Log-odds in units of 0.05: two certain returns make an obstacle, and eight frames that see through the
@@ -133,7 +134,7 @@ class RollingMap:
             optics,
             rotation,
             eye_m,
-            *self._below(pose, eye_m, floor_z_m),
+            *self._below(pose, rotation, eye_m, floor_z_m),
             stride=self.stride,
             first=sampling[2],
             range_m=(near_m, far_m),
@@ -164,9 +165,11 @@ class RollingMap:
             weights=(HIT, MISS, LOWEST, HIGHEST),
         )
 
-    def _below(self, pose: Pose, eye_m: Array, floor_z_m: float) -> tuple[float, tuple[float, float]]:
+    def _below(
+        self, pose: Pose, rotation: Array, eye_m: Array, floor_z_m: float
+    ) -> tuple[float, tuple[float, float]]:
         """Floor below the camera, and its incline along x and y: the wheels' where they stand on it."""
-        up = rotation_matrix(pose.quaternion)[:, 2]
+        up = rotation[:, 2]
         on_wheels = pose.position_m[2] - floor_z_m <= self._config.body.below_m + ON_WHEELS_M
         if not on_wheels or up[2] < 0.5:
             return floor_z_m, (0.0, 0.0)
@@ -276,23 +279,11 @@ class RollingMap:
         top = math.ceil((position_m[2] + HEADROOM_M) / self.cell_m)
         corner[2] = max(corner[2], top - shape[2])
         self.floor_z_m = floor_z_m
-        if self._placed:
-            self._shift(corner - self._corner)
+        if self._placed and (corner != self._corner).any():
+            self.log_odds = moved(self.log_odds, corner - self._corner, 0)
         self._corner = corner
         self._placed = True
         self.driving.follow(position_m)
-
-    def _shift(self, by: np.ndarray[tuple[int, ...], np.dtype[np.int64]]) -> None:
-        """Move the contents by whole cells; what comes in is unknown."""
-        if not by.any():
-            return
-        shape = self.log_odds.shape
-        moved = np.zeros_like(self.log_odds)
-        if all(abs(int(d)) < n for d, n in zip(by, shape, strict=True)):
-            source = tuple(slice(max(0, int(d)), n + min(0, int(d))) for d, n in zip(by, shape, strict=True))
-            target = tuple(slice(max(0, -int(d)), n - max(0, int(d))) for d, n in zip(by, shape, strict=True))
-            moved[target] = self.log_odds[source]
-        self.log_odds = moved
 
     def _disc(self, xy_m: Array, radius_m: float, touching: bool = False) -> tuple[slice, slice, Bits]:
         """Cells of a disc: slices along x and y and the mask within them, by centre or by any touch."""

@@ -79,8 +79,9 @@ class Pipeline:
             self._way_out.reset()
         field = self._map.land_field(request.body_pose, request.floor_z_m)
         ways = self._ways_on_land(request, field)
+        room_above = self._column_clear(request, request.lift_to_m)
         if request.mode is Mode.LAND:
-            followed, refined, routed_s, why = self._drive(request, network, field, ways)
+            followed, refined, routed_s, why = self._drive(request, network, field, ways, room_above)
         else:
             followed, refined, routed_s, why = self._fly(request, network)
         done_s = now()
@@ -97,7 +98,7 @@ class Pipeline:
             reason="; ".join(part for part in (why, refined.reason) if part),
             lift_off_m=lift_off_distance_m(request.body_pose.position_m, network.points_m, network.air),
             land_path_ends=hop or self._land_path_ends(request, ways),
-            take_off_clear=self._column_clear(request, request.lift_to_m),
+            take_off_clear=room_above,
             landing_clear=self._may_land(request, ways),
             hop=hop,
             stuck=request.mode is Mode.LAND and self._way_out.given_up,
@@ -203,7 +204,7 @@ class Pipeline:
 
     # ------------------------------------------------------------------ second stage, on land
     def _drive(
-        self, request: PlanRequest, network: KeyPoints, field: Field2, ways: CostToGo
+        self, request: PlanRequest, network: KeyPoints, field: Field2, ways: CostToGo, room_above: bool
     ) -> tuple[KeyPoints | None, RefineResult, float, str]:
         land_part = network.points_m
         if request.goal_in_air and network.air.any():
@@ -229,7 +230,7 @@ class Pipeline:
             request,
             ways,
             lambda closed: self._ways_through(request, field, closed),
-            lambda: self._column_clear(request, request.lift_to_m),
+            room_above,
         )
         if doing is not None:
             said = "; ".join(part for part in (self._way_out.state.action.value, why) if part)

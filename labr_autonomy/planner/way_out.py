@@ -44,7 +44,7 @@ class WayOut:
         return self.state.action is Action.GIVE_UP
 
     def step(
-        self, request: PlanRequest, ways: CostToGo, through: Search, room_above: Callable[[], bool]
+        self, request: PlanRequest, ways: CostToGo, through: Search, room_above: bool
     ) -> Array | float | None:
         """One cycle of a robot on its wheels.
 
@@ -75,7 +75,7 @@ class WayOut:
             tight_way=path is not None,
             gap_m=gap_m,
             trail=len(self._trail) > 2,
-            may_hop=room_above(),
+            may_hop=room_above,
         )
         self.state = recovery.step(self.state, facts, request.start_s)
         match self.state.action:
