@@ -13,12 +13,14 @@ from collections.abc import Callable
 from labr_autonomy.air import px4, telemetry
 from labr_autonomy.air.clock_offset import ClockOffset
 from labr_autonomy.air.commands import Commands, command_fields
+from labr_autonomy.air.families import PX4, Family
 from labr_autonomy.air.link import Link
 from labr_autonomy.air.mailbox import Mailbox
 from labr_autonomy.air.recorder import Recorder
-from labr_autonomy.air.setpoints import Fields, setpoint_fields, vision_fields
-from labr_autonomy.air.telemetry import AirState
-from labr_autonomy.air.vehicle import check_vehicle
+from labr_autonomy.air.report import Report
+from labr_autonomy.air.setpoints import Fields, origin_fields, setpoint_fields, vision_fields
+from labr_autonomy.air.telemetry import AirState, Received
+from labr_autonomy.air.vehicle import Release, check_release, check_vehicle, release_of
 from labr_autonomy.clock import Clock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import LinkError, Refused
@@ -27,16 +29,21 @@ from labr_autonomy.types import ImuSample, Odometry, SetPoint
 
 _log = logging.getLogger("labr.air")
 
+LIFT_S = 8.0  # ArduPilot spins up for 4 s before it leaves the floor (recorded)
 EFFECT_S = 2.0  # an acknowledged request must show in the state within this; heartbeats come at 1 Hz
 SETPOINT_FRESH_S = 0.5  # PX4 wants at least 2 Hz before and during offboard
-TEXT_S = 3.0  # a STATUSTEXT this young belongs to the refusal
-SLOTS = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "EXTENDED_SYS_STATE", "BATTERY_STATUS", "STATUSTEXT")
-WAKES = ("HEARTBEAT", "COMMAND_ACK", "HIGHRES_IMU", "TIMESYNC")
-WARNING = 4  # MAV_SEVERITY_WARNING
+REASON_S = 0.3  # the words of a refusal come just after its acknowledgement
+ANSWER_S = 0.5  # a message asked for comes within this, or the autopilot has it not
+POLL_S = 0.02
+ORIGIN_SENDS = 5
+SLOTS = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "EXTENDED_SYS_STATE", "BATTERY_STATUS", "CURRENT_MODE")
+ANSWERS = ("AUTOPILOT_VERSION", "GPS_GLOBAL_ORIGIN")
+WAKES = ("HEARTBEAT", "HIGHRES_IMU", "RAW_IMU", "TIMESYNC")
+QUEUES = ("COMMAND_ACK", "STATUSTEXT", "EVENT")
 
 
 class AirChannel:
-    """MAVLink to PX4 on a multicopter.
+    """MAVLink to PX4 or ArduPilot on a multicopter.
 
     Args:
         url: MAVSDK connection URL, e.g. "udpin://127.0.0.1:14540" or "serial:///dev/ttyACM0:921600".
@@ -46,10 +53,17 @@ class AirChannel:
 
     Attributes:
         on_imu: Called on the loop with the newest inertial measurement.
+        on_say: Called on the loop with each sentence of the autopilot that an operator should read.
+        family: What answers, known after `connect`.
+        release: Its firmware, None when it does not say.
     """
 
     def __init__(self, url: str, config: RobotConfig, clock: Clock, tlog: Tlog | None = None) -> None:
         self.on_imu: Callable[[ImuSample], None] | None = None
+        self.on_say: Callable[[str], None] | None = None
+        self.family: Family = PX4
+        self.release: Release | None = None
+        self._report = Report()
         self._url = url
         self._config = config
         self._clock = clock
@@ -70,7 +84,8 @@ class AirChannel:
 
         Raises:
             BadInput: The URL cannot be read.
-            LinkError: Nobody answers within `timeout_s`, or not the vehicle this stack may fly.
+            WrongVehicle: Not a vehicle or firmware that this stack may fly.
+            LinkError: Nobody answers within `timeout_s`.
         """
         if self._link is not None:
             raise LinkError("the air channel is open already", "Close it first.")
@@ -94,15 +109,19 @@ class AirChannel:
             )
         number = int(system.get_system_id())
         self._commands = Commands(self._link.send, number)
-        self._mailbox = Mailbox(self._link.attach(system), self._clock, SLOTS, WAKES, self._wake)
-        await self._until(lambda: True, self._clock.now_s(), deadline_s, f"{self._url} sent no heartbeat")
-        check_vehicle(
-            number,
-            telemetry.heartbeat(self._mailbox.latest["HEARTBEAT"].fields),
-            self._url,
-            self._config.name,
+        self._mailbox = Mailbox(
+            self._link.attach(system), self._clock, (*SLOTS, *ANSWERS), WAKES, QUEUES, self._wake
         )
+        await self._until(lambda: True, self._clock.now_s(), deadline_s, f"{self._url} sent no heartbeat")
+        beat = self._mailbox.latest["HEARTBEAT"].fields
+        self.family = check_vehicle(number, beat, self._url, self._config.name)
         await self._ask_for_streams(self._commands)
+        answer = await self._ask_for_message("AUTOPILOT_VERSION", px4.MSG_AUTOPILOT_VERSION)
+        self.release = None if answer is None else release_of(answer)
+        if self.release is not None:
+            check_release(self.family, self.release, self._url)
+        if self.family.wants_origin:
+            await self._set_origin()
 
     async def close(self) -> None:
         """End all subscriptions, sockets and threads of this channel; can be called again."""
@@ -150,6 +169,12 @@ class AirChannel:
         return telemetry.air_state(self._mailbox.latest, self._mailbox.heard_s, self._clock.now_s())
 
     @property
+    def description(self) -> str:
+        """What answers, and what it does when set-points stop."""
+        version = self.release.text if self.release is not None else "of unknown version"
+        return f"{self.family.name} {version}; when set-points stop it {self.family.on_silence}"
+
+    @property
     def reboots(self) -> int:
         """How often the autopilot's clock started anew since `connect`."""
         return self._offset.resets
@@ -175,7 +200,7 @@ class AirChannel:
         await self._request("disarm", lambda s: not s.armed, px4.CMD_ARM_DISARM, 0.0)
 
     async def start_offboard(self) -> None:
-        """Hand the autopilot over to our set-points, which must be flowing already.
+        """Have the autopilot follow our set-points, which must be flowing already (ArduPilot: guided).
 
         Raises:
             Refused: No set-point left within the last 0.5 s, so the autopilot would fall out again.
@@ -186,9 +211,30 @@ class AirChannel:
         if age_s is None or age_s > SETPOINT_FRESH_S:
             when = "none was ever sent" if age_s is None else f"the last one left {age_s:.1f} s ago"
             raise Refused(f"offboard was not requested without set-points: {when}", "Stream them first.")
-        flags, main = float(px4.CUSTOM_MODE_FLAG), float(px4.MAIN_OFFBOARD)
+        mode = self.family.follow_mode
         await self._request(
-            "start offboard", lambda s: s.mode == "offboard", px4.CMD_DO_SET_MODE, flags, main
+            f"start {mode}", lambda s: s.mode == mode, px4.CMD_DO_SET_MODE, *self.family.follow_request
+        )
+
+    async def take_off(self, height_m: float) -> None:
+        """Lift off to `height_m` above the floor by the autopilot's own take-off, and see it leave the floor.
+
+        For autopilots that ignore set-points on the floor (ArduPilot). PX4 lifts off by set-points: its
+        NAV_TAKEOFF is accepted without a global position and ends in a landing.
+
+        Raises:
+            Refused: This autopilot lifts off by set-points.
+            LinkError: As for `arm`.
+        """
+        if not self.family.lifts_by_command:
+            raise Refused(f"{self.family.name} lifts off by set-points, not by command", "Stream them.")
+        height = (0.0,) * 6 + (height_m,)
+        await self._request(
+            "take off",
+            lambda s: s.landed in ("takeoff", "in_air"),
+            px4.CMD_NAV_TAKEOFF,
+            *height,
+            effect_s=LIFT_S,
         )
 
     async def land(self) -> None:
@@ -202,24 +248,41 @@ class AirChannel:
         """
         await self._request("land", lambda s: s.mode == "land" or not s.armed, px4.CMD_NAV_LAND)
 
+    def yield_control(self) -> None:
+        """Somebody else flies: what was asked for is not asked for again."""
+        if self._commands is not None:
+            self._commands.overtake("yield")
+
     async def _request(
-        self, name: str, reached: Callable[[AirState], bool], command: int, *params: float
+        self,
+        name: str,
+        reached: Callable[[AirState], bool],
+        command: int,
+        *params: float,
+        effect_s: float = EFFECT_S,
     ) -> None:
         if self._commands is None:
             raise LinkError(f"the request to {name} was not sent: the air link is not open", "Connect first.")
         asked_s = self._clock.now_s()
         result = await self._commands.run(name, command, *params)
         if result != px4.ACCEPTED:
-            said = self._last_text(asked_s)
+            said = await self._reason(asked_s)
             reason = f'; it says "{said}"' if said else ""
             raise LinkError(f"the autopilot refused to {name}: {px4.result_name(result)}{reason}")
-        limit_s = self._clock.now_s() + EFFECT_S
+        limit_s = self._clock.now_s() + effect_s
         await self._until(
             lambda: reached(self.state),
             asked_s,
             limit_s,
-            f"the autopilot accepted the request to {name}, but {EFFECT_S:.0f} s later there is no effect",
+            f"the autopilot accepted the request to {name}, but {effect_s:.0f} s later there is no effect",
         )
+
+    async def _reason(self, asked_s: float) -> str:
+        """What the autopilot says of a refusal; its words come after the acknowledgement."""
+        deadline_s = self._clock.now_s() + REASON_S
+        while not (said := self._report.reason(asked_s)) and self._clock.now_s() < deadline_s:
+            await self._clock.sleep_until(self._clock.now_s() + POLL_S)
+        return said
 
     # -- inside -------------------------------------------------------------------------------------
 
@@ -247,7 +310,7 @@ class AirChannel:
 
     async def _ask_for_streams(self, commands: Commands) -> None:
         answered = 0
-        for name, (number, rate_hz) in px4.STREAMS.items():
+        for name, (number, rate_hz) in self.family.streams.items():
             try:
                 result = await commands.run(
                     f"send {name}", px4.CMD_SET_MESSAGE_INTERVAL, float(number), 1e6 / rate_hz
@@ -261,11 +324,46 @@ class AirChannel:
             if result != px4.ACCEPTED:
                 _log.warning("the autopilot refused to send %s: %s", name, px4.result_name(result))
 
-    def _last_text(self, since_s: float) -> str:
-        text = self._mailbox.latest.get("STATUSTEXT") if self._mailbox else None
-        if text is None or text.arrival_s < since_s - TEXT_S or int(text.fields["severity"]) > WARNING:
-            return ""
-        return str(text.fields["text"])
+    async def _ask_for_message(self, name: str, number: int) -> Received | None:
+        """One message on request; None where the autopilot does not send it."""
+        commands, mailbox = self._commands, self._mailbox
+        if commands is None or mailbox is None:
+            return None
+        asked_s = self._clock.now_s()
+        try:
+            result = await commands.run(f"send {name}", px4.CMD_REQUEST_MESSAGE, float(number))
+        except LinkError as error:
+            _log.warning("%s", error)
+            return None
+        deadline_s = self._clock.now_s() + ANSWER_S
+        while result == px4.ACCEPTED and self._clock.now_s() < deadline_s:
+            message = mailbox.latest.get(name)
+            if message is not None and message.arrival_s >= asked_s:
+                return message.fields
+            await self._clock.sleep_until(self._clock.now_s() + POLL_S)
+        return None
+
+    async def _set_origin(self) -> None:
+        """Give ArduPilot the global origin that it wants before it fuses poses; any place will do.
+
+        Raises:
+            LinkError: It does not confirm.
+        """
+        if await self._ask_for_message("GPS_GLOBAL_ORIGIN", px4.MSG_GPS_GLOBAL_ORIGIN) is not None:
+            return
+        for _ in range(ORIGIN_SENDS):
+            asked_s = self._clock.now_s()
+            self._opened().send("SET_GPS_GLOBAL_ORIGIN", origin_fields(px4.VEHICLE_SYSTEM))
+            deadline_s = asked_s + ANSWER_S
+            while self._clock.now_s() < deadline_s:
+                message = self._mailbox.latest.get("GPS_GLOBAL_ORIGIN") if self._mailbox else None
+                if message is not None and message.arrival_s >= asked_s:
+                    return
+                await self._clock.sleep_until(self._clock.now_s() + POLL_S)
+        raise LinkError(
+            "the autopilot did not confirm the origin of its position estimate",
+            "Check that its EKF3 runs (AHRS_EKF_TYPE 3).",
+        )
 
     def _wake(self, arrived: set[str]) -> None:
         """On the loop: act on the kinds of messages that arrived."""
@@ -274,16 +372,24 @@ class AirChannel:
             return
         if "TIMESYNC" in arrived:
             self._answer_timesync(mailbox.latest["TIMESYNC"])
-        if "HIGHRES_IMU" in arrived:
-            self._take_imu(mailbox.latest["HIGHRES_IMU"])
-        while mailbox.acks:
-            ack = mailbox.acks.popleft().fields
+        if self.family.imu in arrived:
+            self._take_imu(mailbox.latest[self.family.imu])
+        for name in ("STATUSTEXT", "EVENT"):
+            while mailbox.queues[name]:
+                self._take_words(name, mailbox.queues[name].popleft())
+        while mailbox.queues["COMMAND_ACK"]:
+            ack = mailbox.queues["COMMAND_ACK"].popleft().fields
             if self._recorder is not None:
                 self._recorder.write_ack(ack)
             if self._commands is not None:
                 self._commands.take_ack(ack)
         if "HEARTBEAT" in arrived:
             self._beat.set()
+
+    def _take_words(self, name: str, message: telemetry.Message) -> None:
+        sentence = self._report.take(name, message)
+        if sentence and self.on_say is not None:
+            self.on_say(sentence)
 
     def _take_imu(self, message: telemetry.Message) -> None:
         resets = self._offset.resets
@@ -292,7 +398,7 @@ class AirChannel:
             self._ask_again()
         if stamp_s is None or self.on_imu is None:
             return
-        sample = telemetry.imu_sample(message.fields, stamp_s)
+        sample = telemetry.imu_sample(message.fields, stamp_s, self.family.imu)
         if sample is not None:
             self.on_imu(sample)
 
@@ -311,11 +417,14 @@ class AirChannel:
     def _ask_again(self) -> None:
         """The autopilot has rebooted and sends its default rates."""
         _log.warning("the autopilot's clock started anew: it has rebooted")
-        for number, rate_hz in px4.STREAMS.values():
+        for number, rate_hz in self.family.streams.values():
             params = (float(number), 1e6 / rate_hz)
             self._try_send(
                 "COMMAND_LONG", command_fields(px4.CMD_SET_MESSAGE_INTERVAL, params, 0, px4.VEHICLE_SYSTEM)
             )
+
+        if self.family.wants_origin:
+            self._try_send("SET_GPS_GLOBAL_ORIGIN", origin_fields(px4.VEHICLE_SYSTEM))
 
     def _try_send(self, name: str, fields: Fields) -> None:
         """Send what may be lost."""
