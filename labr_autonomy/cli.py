@@ -92,6 +92,15 @@ def main() -> None:
 @_out
 @_json
 @click.option("--quiet", is_flag=True, help="No live line.")
+@click.option("--world", metavar="W", help="Another world: a family, a world file or a mesh.")
+@click.option(
+    "--air", metavar="URL", help="Fly an autopilot that is running there, e.g. udpin://127.0.0.1:14540."
+)
+@click.option(
+    "--truth",
+    metavar="URL",
+    help="Where its simulator publishes its truth, if not there, e.g. udpin://127.0.0.1:19410.",
+)
 def fly(
     mission: Path,
     robot: Path | None,
@@ -100,13 +109,25 @@ def fly(
     out: Path | None,
     as_json: bool,
     quiet: bool,
+    world: str | None,
+    air: str | None,
+    truth: str | None,
 ) -> None:
     """Carry out MISSION; without --robot in the simulator.
+
+    With --air the simulator supplies world, camera, wheels and VIO, and a PX4 or ArduPilot that you have
+    started (SITL with its own physics, in real time) flies.
 
     Ctrl-C once holds the robot where it is, twice brings it down and stops.
     """
     _must_exist(mission)
+    if robot is not None and (air is not None or world is not None):
+        raise BadInput("--air and --world are for the simulator", "Put links.air into robot.yaml instead")
+    if truth is not None and air is None:
+        raise BadInput("--truth goes with --air", "Name the autopilot by --air")
+    from labr_autonomy.commands.elsewhere import in_world
     from labr_autonomy.mission.executive import fly as carry_out
+    from labr_autonomy.mission.simulator import External
 
     code = carry_out(
         mission,
@@ -116,6 +137,8 @@ def fly(
         out_dir=out,
         json_output=as_json,
         quiet=quiet,
+        external=None if air is None else External(air, truth),
+        relocate=None if world is None else lambda known: in_world(known, world, worlds),
     )
     click.get_current_context().exit(int(code))
 

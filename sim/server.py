@@ -32,6 +32,7 @@ from labr_autonomy.processes import die_with_parent, on_time
 from labr_autonomy.types import Pose
 from sim.autopilot.link import AutopilotStandIn
 from sim.camera.process import CameraSpec
+from sim.external.bridge import Bridge
 from sim.land_controller import LandController
 from sim.plant import STEP_S, Plant, WheelDrive
 from sim.pose_slot import PoseSlotWriter
@@ -77,7 +78,15 @@ class Simulator:
         self._world = build_world(spec.world, seed=spec.seed, clear_m=spec.keep_clear_m, worlds_dir=folder)
         self.surface = Surface(self._world, self.robot.body)
         disturbances = spec.drawn()
-        self.plant = Plant(self.robot, self.surface, spec.start, spec.seed, disturbances)
+        air_remote = udp_address("udp://" + links.air.split("://")[1])
+        self._autopilot: AutopilotStandIn | Bridge
+        if spec.autopilot is None:
+            self._autopilot = AutopilotStandIn(self.robot, air_remote, spec.seed)
+            self.plant = Plant(self.robot, self.surface, spec.start, spec.seed, disturbances)
+        else:
+            self._autopilot = Bridge(self.robot, air_remote, spec.autopilot, spec.truth)
+            body = self._autopilot.body
+            self.plant = Plant(self.robot, self.surface, spec.start, spec.seed, disturbances, body)
         self.referee = Referee()
         self._vio = VioStandIn(spec.seed, disturbances.vio)
         self._vio_remote = udp_address(links.vio)
@@ -85,9 +94,6 @@ class Simulator:
         self._vio_socket.setblocking(False)
         self._vio_due_s = 0.0
         self._vio_sent = 0
-        self._autopilot = AutopilotStandIn(
-            self.robot, udp_address("udp://" + links.air.split("://")[1]), spec.seed
-        )
         self._land = LandController(self.robot, self._clock, spec.seed, link_path=Path(links.ground))
         self._pose_slot = PoseSlotWriter(f"{tag}_pose")
         self._camera_spec = CameraSpec(

@@ -9,7 +9,7 @@ import logging
 import shutil
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from labr_autonomy.mission.flight import Flight
 from labr_autonomy.mission.load import load_mission, load_robot
 from labr_autonomy.mission.pilot import Pilot
 from labr_autonomy.mission.schema import Mission
-from labr_autonomy.mission.simulator import SimulatorProcess
+from labr_autonomy.mission.simulator import External, SimulatorProcess
 from labr_autonomy.mission.steps import Status
 from labr_autonomy.processes import on_time
 from labr_autonomy.record.mcap_log import FlightLog
@@ -66,6 +66,8 @@ def fly(
     out_dir: Path | None,
     json_output: bool,
     quiet: bool,
+    external: External | None = None,
+    relocate: Callable[[Mission], Mission] | None = None,
 ) -> int:
     """Carry out a mission and leave a run folder.
 
@@ -77,11 +79,15 @@ def fly(
         out_dir: Where run folders are made.
         json_output: Print summary.json to standard output at the end.
         quiet: No live line.
+        external: An autopilot that somebody else has started, flown in our simulated world.
+        relocate: Puts the mission into another world.
 
     Returns:
         Exit code (`labr_autonomy.errors.ExitCode`).
     """
     mission = load_mission(mission_path)
+    if relocate is not None:
+        mission = relocate(mission)
     robot = load_robot(robot_path) if robot_path is not None else RobotConfig()
     run_dir = make_run_folder(mission.name, out_dir)
     shutil.copyfile(mission_path, run_dir / "mission.yaml")
@@ -94,7 +100,7 @@ def fly(
             if robot_path is not None:
                 summary = asyncio.run(_flight(mission, robot, run_dir, None, line))
             else:
-                summary = _simulated(mission, robot, run_dir, used_seed or 0, worlds_dir, line)
+                summary = _simulated(mission, robot, run_dir, used_seed or 0, worlds_dir, line, external)
         except LabrError as error:  # nothing has moved
             _leave(summarise.unmoved(mission.name, "refused", error.what, used_seed), run_dir, line)
             raise
@@ -124,11 +130,18 @@ def _leave(summary: Summary, run_dir: Path, line: LiveLine) -> None:
 
 
 def _simulated(
-    mission: Mission, robot: RobotConfig, run_dir: Path, seed: int, worlds_dir: Path | None, line: LiveLine
+    mission: Mission,
+    robot: RobotConfig,
+    run_dir: Path,
+    seed: int,
+    worlds_dir: Path | None,
+    line: LiveLine,
+    external: External | None,
 ) -> Summary:
     """Fly in a simulator of its own, judged by its referee."""
-    line.say("simulator: building the world and starting the camera")
-    with SimulatorProcess(mission, robot, seed, worlds_dir, run_dir) as simulator:
+    also = "" if external is None else f", waiting for the autopilot on {external.url}"
+    line.say(f"simulator: building the world and starting the camera{also}")
+    with SimulatorProcess(mission, robot, seed, worlds_dir, run_dir, external) as simulator:
         refuse(check_mission(mission, robot, clearance_at=simulator.clearance_at))
         flown = asyncio.run(_flight(mission, load_robot(simulator.robot_path), run_dir, seed, line))
     return summarise.with_truth(flown, run_dir)
