@@ -17,7 +17,8 @@ from labr_autonomy.frames import quaternion_from_rpy, quaternion_ned_frd_to_enu_
 from labr_autonomy.types import Array
 from sim.autopilot.vectors import Vector
 
-NAMES = ("HIL_STATE_QUATERNION", "SIM_STATE", "SIMSTATE")
+SIMSTATE = "UNKNOWN_164"  # of ArduPilot's own dialect
+NAMES = ("HIL_STATE_QUATERNION", "SIM_STATE", SIMSTATE)
 EARTH_M = 6378137.0  # WGS 84, equatorial radius
 FLATTENING = 1.0 / 298.257223563
 GRID_GAIN = 0.1  # share of the grid's difference that is taken over with each message
@@ -125,7 +126,10 @@ def _fix_of(m: mavlink.MAVLink_message) -> _Fix | None:
                 quaternion_ned_frd_to_enu_flu(np.array([m.q1, m.q2, m.q3, m.q4], float)),
                 (m.xgyro, -m.ygyro, -m.zgyro),
             )
-        case "SIMSTATE":
+        case name if name == SIMSTATE:
+            m = _simstate(bytes(m.get_msgbuf()))
+            if m is None:
+                return None
             ned = quaternion_from_rpy(m.roll, m.pitch, m.yaw)
             return _Fix(
                 m.lat * 1e-7,
@@ -141,3 +145,13 @@ def _fix_of(m: mavlink.MAVLink_message) -> _Fix | None:
 def _degrees(value: float) -> float:
     """SIM_STATE's latitude is said to be in degrees; ArduPilot has sent 1e7 times that."""
     return value * 1e-7 if abs(value) > 360.0 else value
+
+
+def _simstate(frame: bytes) -> mavlink.MAVLink_message | None:
+    """The message in a frame of SIMSTATE; its dialect is loaded when the first one comes."""
+    from pymavlink.dialects.v20 import ardupilotmega
+
+    parser = ardupilotmega.MAVLink(None)
+    parser.robust_parsing = True
+    found = parser.parse_buffer(frame) or ()
+    return next((m for m in found if m.get_type() == "SIMSTATE"), None)
