@@ -17,6 +17,7 @@ import click
 from labr_autonomy import __version__
 from labr_autonomy.commands.bench import bench, difficulty_option
 from labr_autonomy.commands.dataset import dataset
+from labr_autonomy.commands.params import params
 from labr_autonomy.commands.train import train
 from labr_autonomy.errors import BadInput, ExitCode, LabrError
 
@@ -272,6 +273,7 @@ def _serve_simulator(
 
 main.add_command(bench)
 main.add_command(dataset)
+main.add_command(params)
 main.add_command(train)
 
 

@@ -14,12 +14,14 @@ from labr_autonomy.air import px4, telemetry
 from labr_autonomy.air.clock_offset import ClockOffset
 from labr_autonomy.air.commands import Commands, command_fields
 from labr_autonomy.air.families import PX4, Family
+from labr_autonomy.air.handshake import ANSWERS, Handshake
 from labr_autonomy.air.link import Link
 from labr_autonomy.air.mailbox import Mailbox
+from labr_autonomy.air.parameters import compare, refuse, wanted
 from labr_autonomy.air.recorder import Recorder
 from labr_autonomy.air.report import Report
 from labr_autonomy.air.setpoints import Fields, origin_fields, setpoint_fields, vision_fields
-from labr_autonomy.air.telemetry import AirState, Received
+from labr_autonomy.air.telemetry import AirState
 from labr_autonomy.air.vehicle import Release, check_release, check_vehicle, release_of
 from labr_autonomy.clock import Clock
 from labr_autonomy.config import RobotConfig
@@ -33,11 +35,8 @@ LIFT_S = 8.0  # ArduPilot spins up for 4 s before it leaves the floor (recorded)
 EFFECT_S = 2.0  # an acknowledged request must show in the state within this; heartbeats come at 1 Hz
 SETPOINT_FRESH_S = 0.5  # PX4 wants at least 2 Hz before and during offboard
 REASON_S = 0.3  # the words of a refusal come just after its acknowledgement
-ANSWER_S = 0.5  # a message asked for comes within this, or the autopilot has it not
 POLL_S = 0.02
-ORIGIN_SENDS = 5
 SLOTS = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "EXTENDED_SYS_STATE", "BATTERY_STATUS", "CURRENT_MODE")
-ANSWERS = ("AUTOPILOT_VERSION", "GPS_GLOBAL_ORIGIN")
 WAKES = ("HEARTBEAT", "HIGHRES_IMU", "RAW_IMU", "TIMESYNC")
 QUEUES = ("COMMAND_ACK", "STATUSTEXT", "EVENT")
 
@@ -115,13 +114,14 @@ class AirChannel:
         await self._until(lambda: True, self._clock.now_s(), deadline_s, f"{self._url} sent no heartbeat")
         beat = self._mailbox.latest["HEARTBEAT"].fields
         self.family = check_vehicle(number, beat, self._url, self._config.name)
-        await self._ask_for_streams(self._commands)
-        answer = await self._ask_for_message("AUTOPILOT_VERSION", px4.MSG_AUTOPILOT_VERSION)
+        hello = Handshake(self._link.send, self._commands, self._mailbox, self._clock)
+        await hello.ask_for_streams(self.family.streams)
+        answer = await hello.ask_for_message("AUTOPILOT_VERSION", px4.MSG_AUTOPILOT_VERSION)
         self.release = None if answer is None else release_of(answer)
         if self.release is not None:
             check_release(self.family, self.release, self._url)
         if self.family.wants_origin:
-            await self._set_origin()
+            await hello.set_origin()
 
     async def close(self) -> None:
         """End all subscriptions, sockets and threads of this channel; can be called again."""
@@ -248,6 +248,39 @@ class AirChannel:
         """
         await self._request("land", lambda s: s.mode == "land" or not s.armed, px4.CMD_NAV_LAND)
 
+    async def read_parameter(self, name: str, whole: bool) -> float | None:
+        """One parameter; None when there is none of that name. Takes seconds for a name ArduPilot lacks.
+
+        Args:
+            name: As the autopilot calls it.
+            whole: It is an integer.
+
+        Raises:
+            LinkError: The link is not open.
+        """
+        return await asyncio.to_thread(self._opened().read_parameter, name, whole=whole)
+
+    async def write_parameter(self, name: str, value: float, whole: bool) -> None:
+        """Set one parameter and see it acknowledged.
+
+        Raises:
+            Refused: The rotors are armed.
+            LinkError: It was not taken.
+        """
+        if self.state.armed:
+            raise Refused(f"{name} was not written: the autopilot is armed", "Disarm it first.")
+        await asyncio.to_thread(self._opened().write_parameter, name, value, whole=whole)
+
+    async def check_parameters(self) -> None:
+        """Refuse an autopilot whose parameters do not fit this robot.
+
+        Raises:
+            Refused: Naming each with what it is and what it should be.
+            LinkError: They cannot be read.
+        """
+        table = [want for want in wanted(self.family, self._config.air) if want.must]
+        refuse(await compare(table, self.read_parameter))
+
     def yield_control(self) -> None:
         """Somebody else flies: what was asked for is not asked for again."""
         if self._commands is not None:
@@ -307,63 +340,6 @@ class AirChannel:
             except TimeoutError:
                 mode = f" (mode {self.state.mode})" if beat is not None else ""
                 raise LinkError(f"{else_say}{mode}", "Check the autopilot and its link.") from None
-
-    async def _ask_for_streams(self, commands: Commands) -> None:
-        answered = 0
-        for name, (number, rate_hz) in self.family.streams.items():
-            try:
-                result = await commands.run(
-                    f"send {name}", px4.CMD_SET_MESSAGE_INTERVAL, float(number), 1e6 / rate_hz
-                )
-            except LinkError as error:
-                _log.warning("%s", error)
-                if answered == 0:
-                    raise
-                continue
-            answered += 1
-            if result != px4.ACCEPTED:
-                _log.warning("the autopilot refused to send %s: %s", name, px4.result_name(result))
-
-    async def _ask_for_message(self, name: str, number: int) -> Received | None:
-        """One message on request; None where the autopilot does not send it."""
-        commands, mailbox = self._commands, self._mailbox
-        if commands is None or mailbox is None:
-            return None
-        asked_s = self._clock.now_s()
-        try:
-            result = await commands.run(f"send {name}", px4.CMD_REQUEST_MESSAGE, float(number))
-        except LinkError as error:
-            _log.warning("%s", error)
-            return None
-        deadline_s = self._clock.now_s() + ANSWER_S
-        while result == px4.ACCEPTED and self._clock.now_s() < deadline_s:
-            message = mailbox.latest.get(name)
-            if message is not None and message.arrival_s >= asked_s:
-                return message.fields
-            await self._clock.sleep_until(self._clock.now_s() + POLL_S)
-        return None
-
-    async def _set_origin(self) -> None:
-        """Give ArduPilot the global origin that it wants before it fuses poses; any place will do.
-
-        Raises:
-            LinkError: It does not confirm.
-        """
-        if await self._ask_for_message("GPS_GLOBAL_ORIGIN", px4.MSG_GPS_GLOBAL_ORIGIN) is not None:
-            return
-        for _ in range(ORIGIN_SENDS):
-            asked_s = self._clock.now_s()
-            self._opened().send("SET_GPS_GLOBAL_ORIGIN", origin_fields(px4.VEHICLE_SYSTEM))
-            deadline_s = asked_s + ANSWER_S
-            while self._clock.now_s() < deadline_s:
-                message = self._mailbox.latest.get("GPS_GLOBAL_ORIGIN") if self._mailbox else None
-                if message is not None and message.arrival_s >= asked_s:
-                    return
-                await self._clock.sleep_until(self._clock.now_s() + POLL_S)
-        raise LinkError(
-            "the autopilot did not confirm the origin of its position estimate",
-            "Check that its EKF3 runs (AHRS_EKF_TYPE 3).",
-        )
 
     def _wake(self, arrived: set[str]) -> None:
         """On the loop: act on the kinds of messages that arrived."""

@@ -121,6 +121,7 @@ class Flight:
         say(f"autopilot on {self._config.links.air}")
         await self._air.connect(15.0)
         say(f"autopilot: {self._air.description}")
+        await self._air.check_parameters()
         say("planner: loading network, map and refiner (the first start compiles and takes a minute)")
         ready = await self._planner.wait_ready()
         self.planner_versions = ready.versions

@@ -12,6 +12,8 @@ from pymavlink.dialects.v20 import development as m
 from pymavlink.generator.mavcrc import x25crc
 
 from labr_autonomy.clock import SystemClock
+from sim.autopilot.copter.parameters import Parameters as CopterParameters
+from sim.autopilot.parameters import Parameters
 
 HOLD, OFFBOARD, LAND = 0x03040000, 0x00060000, 0x06040000
 STABILIZE, GUIDED, AP_LAND = 0, 4, 9
@@ -44,6 +46,7 @@ class Double(asyncio.DatagramProtocol):
         self.landed = 1
         self.version: tuple[int, int] | None = VERSIONS.get(autopilot)
         self.origin: m.MAVLink_message | None = None
+        self.px4_parameters, self.copter_parameters = Parameters(), CopterParameters()
         self.event = b""  # payload of an EVENT, sent with a refusal
         self.beating = self.streaming = self.speaking = True
         self.answers: dict[int, int | None] = {}  # command -> result, None = silence
@@ -87,6 +90,28 @@ class Double(asyncio.DatagramProtocol):
             elif message.get_type() == "SET_GPS_GLOBAL_ORIGIN":
                 self.origin = message
                 self.tell_origin()
+
+            elif message.get_type() == "PARAM_REQUEST_READ":
+                self.tell_parameter(message)
+            elif message.get_type() == "PARAM_SET":
+                name, value = message.param_id, message.param_value
+                if self.ardupilot:
+                    self.copter_parameters.write(name, value)
+                else:
+                    self.px4_parameters.write(name, value, message.param_type)
+                self.tell_parameter(message)
+
+    def tell_parameter(self, asked: m.MAVLink_message) -> None:
+        """PX4 says when there is none of that name, ArduPilot says nothing."""
+        if self.ardupilot:
+            answer = self.copter_parameters.read(asked.param_id)
+        else:
+            answer = self.px4_parameters.read(asked.param_id, -1)
+            if answer is None:
+                to = asked.get_srcSystem(), asked.get_srcComponent()
+                answer = m.MAVLink_param_error_message(*to, asked.param_id.encode(), -1, 1)
+        if answer is not None:
+            self.send(answer)
 
     def tell_origin(self) -> None:
         if self.origin is not None:

@@ -416,6 +416,58 @@ async def test_unanswered_requests_do_not_hold_up_set_points():
         assert max(b - a for a, b in itertools.pairwise(times)) < 0.2
 
 
+# -- parameters -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("autopilot", [12, ARDUPILOT])
+async def test_parameters_that_fit_are_accepted(autopilot):
+    async with pair(autopilot=autopilot) as (channel, _):
+        await channel.check_parameters()
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "name", "value", "whole", "words"),
+    [
+        (12, "COM_OF_LOSS_T", 15.0, False, r"COM_OF_LOSS_T is 15, wanted 0\.2 to 1 \(set-points that stop"),
+        (12, "EKF2_EV_CTRL", 1, True, "EKF2_EV_CTRL is 1, wanted 15"),
+        (ARDUPILOT, "EK3_SRC1_YAW", 1, True, "EK3_SRC1_YAW is 1, wanted 6"),
+        (ARDUPILOT, "GUID_TIMEOUT", 10.0, False, "GUID_TIMEOUT is 10, wanted"),
+    ],
+)
+async def test_a_parameter_that_does_not_fit_is_refused_by_name_and_value(
+    autopilot, name, value, whole, words
+):
+    async with pair(autopilot=autopilot) as (channel, double):
+        await channel.write_parameter(name, value, whole)
+        with pytest.raises(Refused, match=words):
+            await channel.check_parameters()
+        assert double.commands[ARM] == 0
+
+
+async def test_integers_cross_both_ways_as_each_family_writes_them():
+    for autopilot, name in ((12, "NAV_RCL_ACT"), (ARDUPILOT, "FS_EKF_ACTION")):
+        async with pair(autopilot=autopilot) as (channel, _):
+            await channel.write_parameter(name, 3, True)
+            assert await channel.read_parameter(name, True) == 3.0
+    async with pair() as (channel, _):
+        assert await channel.read_parameter("SDLOG_MODE", True) == -1.0
+
+
+@pytest.mark.parametrize("autopilot", [12, ARDUPILOT])
+async def test_a_parameter_that_is_not_there_is_none(autopilot):
+    async with pair(autopilot=autopilot) as (channel, _):
+        assert await channel.read_parameter("NO_SUCH_PARAM", True) is None
+
+
+async def test_nothing_is_written_while_the_rotors_are_armed():
+    async with pair() as (channel, autopilot):
+        autopilot.armed = True
+        await until(lambda: channel.state.armed, 1.0)
+        with pytest.raises(Refused, match="armed"):
+            await channel.write_parameter("NAV_RCL_ACT", 1, True)
+        assert not autopilot.of("PARAM_SET")
+
+
 # -- losing it --------------------------------------------------------------------------------------
 
 

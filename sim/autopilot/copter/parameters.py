@@ -21,7 +21,6 @@ DEFAULTS: dict[str, tuple[float, int]] = {
     "EK3_SRC1_VELZ": (6, _INT8),
     "EK3_SRC1_YAW": (6, _INT8),
     "FS_EKF_ACTION": (1, _INT8),
-    "FS_GCS_ENABLE": (0, _INT8),
     "GPS1_TYPE": (0, _INT8),
     "GUID_OPTIONS": (0, _INT32),
     "GUID_TIMEOUT": (3.0, _REAL),
