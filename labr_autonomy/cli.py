@@ -102,6 +102,10 @@ def main() -> None:
     metavar="URL",
     help="Where its simulator publishes its truth, if not there, e.g. udpin://127.0.0.1:19410.",
 )
+@click.option(
+    "--watch", metavar="URL", help="Show the air link to a ground station, e.g. udp://127.0.0.1:14550."
+)
+@click.option("--watch-commands", is_flag=True, help="Let that ground station send as well.")
 def fly(
     mission: Path,
     robot: Path | None,
@@ -113,6 +117,8 @@ def fly(
     world: str | None,
     air: str | None,
     truth: str | None,
+    watch: str | None,
+    watch_commands: bool,
 ) -> None:
     """Carry out MISSION; without --robot in the simulator.
 
@@ -126,6 +132,9 @@ def fly(
         raise BadInput("--air and --world are for the simulator", "Put links.air into robot.yaml instead")
     if truth is not None and air is None:
         raise BadInput("--truth goes with --air", "Name the autopilot by --air")
+    if watch_commands and watch is None:
+        raise BadInput("--watch-commands goes with --watch", "Name the ground station by --watch")
+    from labr_autonomy.air.watch import WatchAt
     from labr_autonomy.commands.elsewhere import in_world
     from labr_autonomy.mission.executive import fly as carry_out
     from labr_autonomy.mission.simulator import External
@@ -140,6 +149,7 @@ def fly(
         quiet=quiet,
         external=None if air is None else External(air, truth),
         relocate=None if world is None else lambda known: in_world(known, world, worlds),
+        watch=None if watch is None else WatchAt.parse(watch, may_speak=watch_commands),
     )
     click.get_current_context().exit(int(code))
 

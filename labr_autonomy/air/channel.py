@@ -23,6 +23,7 @@ from labr_autonomy.air.report import Report
 from labr_autonomy.air.setpoints import Fields, origin_fields, setpoint_fields, vision_fields
 from labr_autonomy.air.telemetry import AirState
 from labr_autonomy.air.vehicle import Release, check_release, check_vehicle, release_of
+from labr_autonomy.air.watch import Watch, WatchAt
 from labr_autonomy.clock import Clock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import LinkError, Refused
@@ -49,6 +50,7 @@ class AirChannel:
         config: The robot.
         clock: Stamps what arrives; `SetPoint` and `Odometry` stamps are on its scale.
         tlog: Both directions of the link are written here; it stays the caller's to close.
+        watch: A ground station that is shown the same; only together with `tlog`.
 
     Attributes:
         on_imu: Called on the loop with the newest inertial measurement.
@@ -57,7 +59,14 @@ class AirChannel:
         release: Its firmware, None when it does not say.
     """
 
-    def __init__(self, url: str, config: RobotConfig, clock: Clock, tlog: Tlog | None = None) -> None:
+    def __init__(
+        self,
+        url: str,
+        config: RobotConfig,
+        clock: Clock,
+        tlog: Tlog | None = None,
+        watch: WatchAt | None = None,
+    ) -> None:
         self.on_imu: Callable[[ImuSample], None] | None = None
         self.on_say: Callable[[str], None] | None = None
         self.family: Family = PX4
@@ -67,6 +76,7 @@ class AirChannel:
         self._config = config
         self._clock = clock
         self._tlog = tlog
+        self._watch = watch
         self._start_s = clock.now_s()
         self._setpoint_sent_s: float | None = None
         self._offset = ClockOffset()
@@ -97,7 +107,8 @@ class AirChannel:
     async def _open(self, deadline_s: float, timeout_s: float) -> None:
         self._link = Link()
         if self._tlog is not None:
-            self._recorder = Recorder(self._tlog, self._clock)
+            watch = None if self._watch is None else Watch(self._watch)
+            self._recorder = Recorder(self._tlog, self._clock, watch)
             self._link.add(self._recorder.url, forward=True)
         self._link.add(self._url, forward=self._recorder is not None)
         system = await self._link.first_autopilot(timeout_s)

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from labr_autonomy.air.channel import AirChannel
+from labr_autonomy.air.watch import WatchAt
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.console.live import LiveLine
@@ -50,6 +51,15 @@ EXIT_CODES: dict[Outcome, ExitCode] = {
 
 
 @dataclass(frozen=True, slots=True)
+class Simulated:
+    """What a simulated flight is drawn from."""
+
+    seed: int
+    worlds_dir: Path | None
+    external: External | None
+
+
+@dataclass(frozen=True, slots=True)
 class Ended:
     """How a flight ended."""
 
@@ -68,6 +78,7 @@ def fly(
     quiet: bool,
     external: External | None = None,
     relocate: Callable[[Mission], Mission] | None = None,
+    watch: WatchAt | None = None,
 ) -> int:
     """Carry out a mission and leave a run folder.
 
@@ -81,6 +92,7 @@ def fly(
         quiet: No live line.
         external: An autopilot that somebody else has started, flown in our simulated world.
         relocate: Puts the mission into another world.
+        watch: A ground station that is shown the air link.
 
     Returns:
         Exit code (`labr_autonomy.errors.ExitCode`).
@@ -98,9 +110,10 @@ def fly(
         try:
             refuse(check_mission(mission, robot))
             if robot_path is not None:
-                summary = asyncio.run(_flight(mission, robot, run_dir, None, line))
+                summary = asyncio.run(_flight(mission, robot, run_dir, None, line, watch))
             else:
-                summary = _simulated(mission, robot, run_dir, used_seed or 0, worlds_dir, line, external)
+                simulated = Simulated(used_seed or 0, worlds_dir, external)
+                summary = _simulated(mission, robot, run_dir, simulated, line, watch)
         except LabrError as error:  # nothing has moved
             _leave(summarise.unmoved(mission.name, "refused", error.what, used_seed), run_dir, line)
             raise
@@ -133,17 +146,17 @@ def _simulated(
     mission: Mission,
     robot: RobotConfig,
     run_dir: Path,
-    seed: int,
-    worlds_dir: Path | None,
+    simulated: Simulated,
     line: LiveLine,
-    external: External | None,
+    watch: WatchAt | None,
 ) -> Summary:
     """Fly in a simulator of its own, judged by its referee."""
+    seed, external = simulated.seed, simulated.external
     also = "" if external is None else f", waiting for the autopilot on {external.url}"
     line.say(f"simulator: building the world and starting the camera{also}")
-    with SimulatorProcess(mission, robot, seed, worlds_dir, run_dir, external) as simulator:
+    with SimulatorProcess(mission, robot, seed, simulated.worlds_dir, run_dir, external) as simulator:
         refuse(check_mission(mission, robot, clearance_at=simulator.clearance_at))
-        flown = asyncio.run(_flight(mission, load_robot(simulator.robot_path), run_dir, seed, line))
+        flown = asyncio.run(_flight(mission, load_robot(simulator.robot_path), run_dir, seed, line, watch))
     return summarise.with_truth(flown, run_dir)
 
 
@@ -158,12 +171,17 @@ def _first_reason(group: BaseExceptionGroup[BaseException]) -> str:
 
 
 async def _flight(
-    mission: Mission, robot: RobotConfig, run_dir: Path, seed: int | None, line: LiveLine
+    mission: Mission,
+    robot: RobotConfig,
+    run_dir: Path,
+    seed: int | None,
+    line: LiveLine,
+    watch: WatchAt | None,
 ) -> Summary:
     clock = SystemClock()
     robot = _limited(robot, mission)
     air_log, ground_log = Tlog(run_dir / "air.tlog"), Tlog(run_dir / "ground.tlog")
-    air = AirChannel(robot.links.air, robot, clock, air_log)
+    air = AirChannel(robot.links.air, robot, clock, air_log, watch)
     ground = GroundChannel(robot.links.ground, robot.links.ground_baud, robot, clock, ground_log)
     with contextlib.ExitStack() as files:
         files.callback(air_log.close)

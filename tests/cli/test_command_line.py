@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from labr_autonomy import cli
+from labr_autonomy.air.watch import WatchAt
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.commands.elsewhere import in_world
 from labr_autonomy.errors import BadInput, LinkError, Refused
@@ -204,6 +205,7 @@ def test_fly_hands_everything_over(mission, flown):
         "quiet": True,
         "external": None,
         "relocate": None,
+        "watch": None,
     }
     assert calls == [(path, options)]
 
@@ -215,6 +217,9 @@ def test_fly_hands_a_foreign_autopilot_and_another_world_over(mission, flown):
     assert run("fly", path, "--air", air, "--truth", truth, "--world", "rooms").exit_code == 0
     options = calls[0][1]
     assert options["external"] == External(air, truth)
+    assert options["watch"] is None
+    run("fly", path, "--watch", "udp://127.0.0.1:14550", "--watch-commands")
+    assert calls[1][1]["watch"] == WatchAt("127.0.0.1", 14550, may_speak=True)
     assert options["relocate"](load_mission(path)).sim.world.spec() == {"family": "rooms"}
 
 
@@ -223,6 +228,8 @@ def test_fly_hands_a_foreign_autopilot_and_another_world_over(mission, flown):
     [
         (("--air", "udpin://x:1", "--robot", "r.yaml"), "--air and --world are for the simulator"),
         (("--truth", "udpin://x:1"), "--truth goes with --air"),
+        (("--watch-commands",), "--watch-commands goes with --watch"),
+        (("--watch", "14550"), "'14550' is no address of a ground station"),
     ],
 )
 def test_fly_refuses_options_that_do_not_go_together(mission, flown, arguments, words):
