@@ -110,7 +110,7 @@ class Alone:
 
 def _make(kind: str, send: Callable[[bytes], None], seed: int) -> Autopilot:
     if kind == "ardupilot":
-        return Copter(send, seed=seed)
+        return Copter(send, seed=seed)  # started half a minute ago: it would not arm before
     return Vehicle(send, seed=seed, unix_s=utc_s())
 
 

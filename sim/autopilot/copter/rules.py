@@ -6,7 +6,10 @@ import enum
 import math
 from dataclasses import dataclass, replace
 
-SETTLE_S = 3.0  # after vision is fused: "Arm: Gyros inconsistent" and its like
+CALIBRATED_S = 2.0  # after its start; until then it says "boot"
+# The two inertial units of the recorded flight agreed only so long after its start.
+ACCELS_AGREE_S = 13.0
+GYROS_AGREE_S = 23.0
 SPIN_UP_S = 3.8  # from NAV_TAKEOFF to leaving the floor, as recorded
 DISARM_LANDED_S = 0.2
 DISARM_IDLE_S = 10.0  # DISARM_DELAY
@@ -52,7 +55,8 @@ class State:
 class Inputs:
     """What it sees."""
 
-    positioned_for_s: float = math.inf  # how long the estimate has known its position; negative: not yet
+    boot_s: float = math.inf  # time since its start
+    positioned: bool = True  # the estimate knows its position
     landed: bool = True
     height_m: float = 0.0
 
@@ -69,10 +73,11 @@ def arm(s: State, i: Inputs, now_s: float) -> tuple[State, Answer]:
     """MAV_CMD_COMPONENT_ARM_DISARM, param1 = 1."""
     if s.armed:
         return s, Answer(Result.ACCEPTED)
-    if i.positioned_for_s < 0.0 and s.mode in NEEDS_POSITION:
+    if i.boot_s < GYROS_AGREE_S:
+        what = "Accels" if i.boot_s < ACCELS_AGREE_S else "Gyros"
+        return s, Answer(Result.FAILED, f"Arm: {what} inconsistent")
+    if not i.positioned and s.mode in NEEDS_POSITION:
         return s, Answer(Result.FAILED, "Arm: Need Position Estimate")
-    if i.positioned_for_s < SETTLE_S:
-        return s, Answer(Result.FAILED, "Arm: Gyros inconsistent")
     return State(s.mode, True, now_s), Answer(Result.ACCEPTED)
 
 
@@ -88,7 +93,7 @@ def change_mode(s: State, number: int, i: Inputs) -> tuple[State, Answer]:
     if number not in set(Mode):
         return s, Answer(Result.FAILED, f"No such mode {number}")
     mode = Mode(number)
-    if s.armed and mode in NEEDS_POSITION and i.positioned_for_s < 0.0:
+    if s.armed and mode in NEEDS_POSITION and not i.positioned:
         return s, Answer(Result.FAILED, f"Mode change to {mode.name} failed: requires position")
     if mode is s.mode:
         return s, Answer(Result.ACCEPTED)
@@ -123,12 +128,14 @@ def lifts(s: State, now_s: float) -> bool:
     return s.take_off_m is not None and now_s - s.take_off_s >= SPIN_UP_S
 
 
-def base_mode(s: State) -> int:
+def base_mode(s: State, i: Inputs) -> int:
     """HEARTBEAT.base_mode, as recorded."""
-    manual = 0x51 if s.mode is Mode.STABILIZE else 0x59
+    manual = 0x51 if s.mode is Mode.STABILIZE and i.boot_s >= CALIBRATED_S else 0x59
     return manual | (0x80 if s.armed else 0)
 
 
-def system_status(s: State, i: Inputs) -> int:
-    """HEARTBEAT.system_status: standby on the floor, armed or not; active in the air."""
-    return 4 if s.armed and not i.landed else 3
+def system_status(s: State, i: Inputs, now_s: float) -> int:
+    """HEARTBEAT.system_status: boot, standby on the floor, armed or not; active from lifting off on."""
+    if i.boot_s < CALIBRATED_S:
+        return 1
+    return 4 if s.armed and (not i.landed or lifts(s, now_s)) else 3

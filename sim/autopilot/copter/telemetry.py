@@ -11,10 +11,15 @@ from sim.autopilot.estimator import Estimate
 from sim.autopilot.sih import sim_state
 from sim.quad.state import QuadState
 
-RATES_HZ = {
-    mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
-    mavlink.MAVLINK_MSG_ID_TIMESYNC: 1.0,
-}  # the rest on request
+RATES_HZ = {mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0, mavlink.MAVLINK_MSG_ID_TIMESYNC: 0.3}  # the rest if asked
+# What the recorded ArduCopter says or sends beyond that, each with the reason why it is missing here.
+LEFT_OUT = {
+    "HOME_POSITION": "a place on the globe; nothing in the stack flies by it",
+    "EKF3 IMU": "its second inertial unit and the steps of its alignment; one line stands for each step",
+    "AHRS: EKF3 active": "told at its start, before anybody listens",
+    "Field Elevation Set: 489m": "the origin's height, which the origin itself has told",
+    "SIM Hit ground at": "the word of its simulator, not of the autopilot",
+}
 GRAVITY_MPS2 = 9.80665
 CAPABILITIES, VERSION = 64495, 67567616  # of the recorded ArduCopter 4.7
 

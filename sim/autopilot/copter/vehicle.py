@@ -16,14 +16,14 @@ from sim.autopilot.copter.rules import Answer, Mode, Result
 from sim.autopilot.copter.telemetry import BUILDERS, RATES_HZ, Snapshot
 from sim.autopilot.estimator import FRAME_BODY_FRD, FRAME_LOCAL_FRD, Estimate, Estimator
 from sim.autopilot.imu import Imu
-from sim.autopilot.landing import landing_target
 from sim.autopilot.setpoint import target_of
 from sim.autopilot.vectors import Vector
 from sim.autopilot.vision import ClockOffset, pose_of_odometry
 from sim.quad.state import QuadState
 
-BOOT_S = 0.3
-CLIMB_MPS = 0.8
+LAND_MPS = 0.5  # LAND_SPEED; "SIM Hit ground at 0.500050 m/s"
+TOUCH_MPS = 0.25
+BOUNCE_S = 0.2  # wheels that leave the floor for less than this have only trembled
 TOUCH_LANDED_S = 1.9  # from touch-down to "landed", as recorded
 RAMP_S = 1.5  # thrust from idle to hovering at the end of spinning up
 CUSTOM_MODE = 1
@@ -35,30 +35,33 @@ class Copter:
     Args:
         send: Takes the bytes of each outgoing message.
         seed: Of the IMU.
-        system: System id.
+        boot_s: How long ago it was started [s]; in its first 23 s it does not arm.
     """
 
-    def __init__(self, send: Callable[[bytes], None], *, seed: int = 0, system: int = 1) -> None:
+    def __init__(self, send: Callable[[bytes], None], *, seed: int = 0, boot_s: float = 30.0) -> None:
+        self._boot_s = boot_s
         self._send_bytes = send
-        self._codec = mavlink.MAVLink(None, srcSystem=system, srcComponent=1)
+        self._codec = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
         self._inbox: list[bytes] = []
         self._start_s: float | None = None
         self._now_s = 0.0
+        self._stepped = False
         self._imu = Imu(seed)
         self._offset = ClockOffset()
         self._periods_s = {number: 1.0 / rate for number, rate in RATES_HZ.items()}
         self._due_s: dict[int, float] = {}
         self._truth: QuadState | None = None
         self._pack: Pack | None = None
-        self._positioned_s: float | None = None
+        self._positioned = False
         self._setpoint: Target | None = None
         self._setpoint_s = -math.inf
         self._hold: Vector | None = None  # where it stays without set-points
         self._landing_from: Vector | None = None
         self._home_down_m = 0.0
-        self._touch_s: float | None = 0.0
+        self._contact_s = -math.inf  # when a wheel last carried something
+        self._touch_s: float | None = 0.0  # since when it stands
         self._target = Target()
         self._lift_s: float | None = None
         self._controller = Controller()
@@ -81,16 +84,17 @@ class Copter:
     def step(self, now_s: float, truth: QuadState, pack: Pack) -> Motors | None:
         """One tick of 4 ms; (4,) duties, None while disarmed."""
         if self._start_s is None:
-            self._start_s = now_s - BOOT_S
-        dt_s = max(0.0, now_s - self._start_s - self._now_s) if self._now_s > 0.0 else 0.004
+            self._start_s = now_s - self._boot_s
+        dt_s = max(0.0, now_s - self._start_s - self._now_s) if self._stepped else 0.004
+        self._stepped = True
         self._now_s = now_s - self._start_s
         self._truth, self._pack = truth, pack
         self.estimate = self.estimator.step(truth_ned(self._now_s, truth))
+        was = self.state
         inbox, self._inbox = self._inbox, []
         for data in inbox:
             for message in self._parser.parse_buffer(data) or ():
                 self._handle(message)
-        was = self.state
         self.state = rules.step(self.state, self._inputs(), self._now_s)
         self._announce(was)
         motors = self._fly(min(dt_s, DT_MAX_S))
@@ -100,17 +104,20 @@ class Copter:
     # --- flying ---------------------------------------------------------------------------------------
 
     def _inputs(self) -> rules.Inputs:
-        known = self._now_s - self._positioned_s if self._positioned_s is not None else -1.0
         landed = self._touch_s is not None and self._now_s - self._touch_s >= TOUCH_LANDED_S
         up = self._home_down_m - self.estimate.position_m[2]
         height = up if math.isfinite(up) else 0.0
-        return rules.Inputs(known if self.estimate.position_valid else -1.0, landed, height)
+        known = self._positioned and self.estimate.position_valid
+        return rules.Inputs(self._now_s, known, landed, height)
 
     def _fly(self, dt_s: float) -> Motors | None:
         truth, pack = self._truth, self._pack
         assert truth is not None
         assert pack is not None
-        touching = truth.on_ground and abs(float(truth.velocity_mps[2])) < 0.25
+        if truth.on_ground:
+            self._contact_s = self._now_s
+        slow = abs(float(truth.velocity_mps[2])) < TOUCH_MPS
+        touching = slow and self._now_s - self._contact_s < BOUNCE_S
         self._touch_s = (self._now_s if self._touch_s is None else self._touch_s) if touching else None
         if not self.state.armed:
             self._controller.reset()
@@ -134,7 +141,8 @@ class Copter:
         if self.state.mode is Mode.LAND:
             if self._landing_from is None:
                 self._landing_from = here
-            return landing_target(self.estimate, self._landing_from, self._home_down_m, self._target)
+            north, east, _ = self._landing_from
+            return Target((north, east, math.nan), (0.0, 0.0, LAND_MPS), yaw_rad=self._yaw())
         self._landing_from = None
         if self.state.take_off_m is not None:
             self._hold = self._hold or here
@@ -194,8 +202,8 @@ class Copter:
         pose = pose_of_odometry(m, self._offset.local_s(m.time_usec, self._now_s))
         if pose is None or not self.estimator.fuse(pose):
             return
-        if self._positioned_s is None:
-            self._positioned_s = self._now_s
+        if not self._positioned:
+            self._positioned = True
             self._say("EKF3 IMU0 is using external nav data", 6)
 
     def _carry_out(self, m: mavlink.MAVLink_message) -> Answer:
@@ -276,8 +284,8 @@ class Copter:
             self.send(mavlink.MAVLink_gps_global_origin_message(*self.origin, int(self._now_s * 1e6)))
 
     def _announce(self, was: rules.State) -> None:
-        if was.armed and not self.state.armed:
-            self._say("Disarming motors", 6)
+        if was.armed is not self.state.armed:
+            self._say("Arming motors" if self.state.armed else "Disarming motors", 6)
 
     def _talk(self) -> None:
         heartbeat = mavlink.MAVLINK_MSG_ID_HEARTBEAT
@@ -299,13 +307,11 @@ class Copter:
         return Snapshot(
             boot_s=self._now_s,
             truth=truth,
-            estimate=self.estimate
-            if i.positioned_for_s >= 0.0
-            else Estimate(attitude=self.estimate.attitude),
+            estimate=self.estimate if i.positioned else Estimate(attitude=self.estimate.attitude),
             imu=self._imu.measure(truth.specific_force_mps2, truth.angular_velocity_rps),
-            base_mode=rules.base_mode(self.state),
+            base_mode=rules.base_mode(self.state, i),
             custom_mode=int(self.state.mode),
-            system_status=rules.system_status(self.state, i),
+            system_status=rules.system_status(self.state, i, self._now_s),
             landed_state=self._landed_state(i),
             volts=pack.volts,
             current_a=pack.current_a,
