@@ -154,7 +154,7 @@ class Pipeline:
         def search() -> CostToGo:
             hard_m = self._refiner.land_hard_m
             return CostToGo(
-                field.coarser(),
+                self._map.land_field(request.body_pose, request.floor_z_m, shadows=False).coarser(),
                 goal,
                 hard_m + NARROW_MARGIN_M,
                 reach_m=_reach_m(request),
