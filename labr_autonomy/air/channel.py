@@ -35,11 +35,12 @@ _log = logging.getLogger("labr.air")
 LIFT_S = 8.0  # ArduPilot spins up for 4 s before it leaves the floor (recorded)
 EFFECT_S = 2.0  # an acknowledged request must show in the state within this; heartbeats come at 1 Hz
 SETPOINT_FRESH_S = 0.5  # PX4 wants at least 2 Hz before and during offboard
+PING_LOST_S = 2.0  # an answer later than this is none
 REASON_S = 0.3  # the words of a refusal come just after its acknowledgement
 POLL_S = 0.02
 SLOTS = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "EXTENDED_SYS_STATE", "BATTERY_STATUS", "CURRENT_MODE")
-WAKES = ("HEARTBEAT", "HIGHRES_IMU", "RAW_IMU", "TIMESYNC")
-QUEUES = ("COMMAND_ACK", "STATUSTEXT", "EVENT")
+WAKES = ("HEARTBEAT", "HIGHRES_IMU", "RAW_IMU")
+QUEUES = ("COMMAND_ACK", "STATUSTEXT", "EVENT", "TIMESYNC")
 
 
 class AirChannel:
@@ -55,6 +56,7 @@ class AirChannel:
     Attributes:
         on_imu: Called on the loop with the newest inertial measurement.
         on_say: Called on the loop with each sentence of the autopilot that an operator should read.
+        on_round_trip: Called on the loop with each round trip [s] that a `ping` began.
         family: What answers, known after `connect`.
         release: Its firmware, None when it does not say.
     """
@@ -69,6 +71,8 @@ class AirChannel:
     ) -> None:
         self.on_imu: Callable[[ImuSample], None] | None = None
         self.on_say: Callable[[str], None] | None = None
+        self.on_round_trip: Callable[[float], None] | None = None
+        self._asked_ns: dict[int, float] = {}  # stamps of pings under way, and when they left
         self.family: Family = PX4
         self.release: Release | None = None
         self._report = Report()
@@ -167,6 +171,18 @@ class AirChannel:
             LinkError: The link is not open or did not take it.
         """
         self._opened().send("ODOMETRY", vision_fields(odometry))
+
+    def ping(self) -> None:
+        """Ask the autopilot for its clock (TIMESYNC); `on_round_trip` hears of the answer.
+
+        Raises:
+            LinkError: The link is not open or did not take it.
+        """
+        now_s = self._clock.now_s()
+        self._asked_ns = {k: t for k, t in self._asked_ns.items() if now_s - t < PING_LOST_S}
+        stamp_ns = int(now_s * 1e9)
+        self._asked_ns[stamp_ns] = now_s
+        self._opened().send("TIMESYNC", {"tc1": 0, "ts1": stamp_ns})
 
     @property
     def state(self) -> AirState:
@@ -357,8 +373,8 @@ class AirChannel:
         mailbox = self._mailbox
         if mailbox is None:
             return
-        if "TIMESYNC" in arrived:
-            self._answer_timesync(mailbox.latest["TIMESYNC"])
+        while mailbox.queues["TIMESYNC"]:
+            self._take_timesync(mailbox.queues["TIMESYNC"].popleft())
         if self.family.imu in arrived:
             self._take_imu(mailbox.latest[self.family.imu])
         for name in ("STATUSTEXT", "EVENT"):
@@ -389,13 +405,16 @@ class AirChannel:
         if sample is not None:
             self.on_imu(sample)
 
-    def _answer_timesync(self, message: telemetry.Message) -> None:
+    def _take_timesync(self, message: telemetry.Message) -> None:
         """Tell the autopilot our monotonic clock, by which it then reads the stamps of `send_vision`.
 
         MAVSDK could answer too, but with the wall clock, which may jump in flight.
         """
-        if message.fields["tc1"] != 0:
-            return  # an answer, not a question
+        if message.fields["tc1"] != 0:  # an answer, to us or to MAVSDK
+            left_s = self._asked_ns.pop(int(message.fields["ts1"]), None)
+            if left_s is not None and self.on_round_trip is not None:
+                self.on_round_trip(message.arrival_s - left_s)
+            return
         middle_s = 0.5 * (
             message.arrival_s + self._clock.now_s()
         )  # the hand-over must not look like an offset
