@@ -1,7 +1,8 @@
 """`labr-mission`. Only click is imported here; each command imports what it needs when it runs.
 
 Exit codes (`labr_autonomy.errors.ExitCode`): 0 done, 1 a fault in the program, 2 bad input, 3 refused or not
-feasible, 4 expectation missed, 5 aborted by the operator, 6 failsafe ended the mission.
+feasible, 4 expectation missed, 5 aborted by the operator, 6 failsafe ended the mission. `doctor` ends with
+1 when something is wrong.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import click
 from labr_autonomy import __version__
 from labr_autonomy.commands.bench import bench, difficulty_option
 from labr_autonomy.commands.dataset import dataset
+from labr_autonomy.commands.doctor import doctor
 from labr_autonomy.commands.params import params
 from labr_autonomy.commands.train import train
 from labr_autonomy.errors import BadInput, ExitCode, LabrError
@@ -283,6 +285,7 @@ def _serve_simulator(
 
 main.add_command(bench)
 main.add_command(dataset)
+main.add_command(doctor)
 main.add_command(params)
 main.add_command(train)
 
