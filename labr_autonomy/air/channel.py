@@ -21,6 +21,7 @@ from labr_autonomy.air.parameters import compare, refuse, wanted
 from labr_autonomy.air.recorder import Recorder
 from labr_autonomy.air.report import Report
 from labr_autonomy.air.setpoints import Fields, origin_fields, setpoint_fields, vision_fields
+from labr_autonomy.air.signed_link import SignedLink
 from labr_autonomy.air.telemetry import AirState
 from labr_autonomy.air.vehicle import Release, check_release, check_vehicle, release_of
 from labr_autonomy.air.watch import Watch, WatchAt
@@ -88,6 +89,7 @@ class AirChannel:
         self._link: Link | None = None
         self._mailbox: Mailbox | None = None
         self._recorder: Recorder | None = None
+        self._signed: SignedLink | None = None
         self._commands: Commands | None = None
 
     # -- opening and closing ------------------------------------------------------------------------
@@ -114,7 +116,11 @@ class AirChannel:
             watch = None if self._watch is None else Watch(self._watch)
             self._recorder = Recorder(self._tlog, self._clock, watch)
             self._link.add(self._recorder.url, forward=True)
-        self._link.add(self._url, forward=self._recorder is not None)
+        url = self._url
+        if self._config.links.air_key is not None:
+            self._signed = SignedLink(url, self._config.links.air_key)
+            url = self._signed.url
+        self._link.add(url, forward=self._recorder is not None)
         system = await self._link.first_autopilot(timeout_s)
         if system is None:
             raise LinkError(
@@ -148,7 +154,9 @@ class AirChannel:
             self._link.close()
         if self._recorder is not None:
             self._recorder.close()
-        self._link = self._mailbox = self._recorder = self._commands = None
+        if self._signed is not None:
+            self._signed.close()
+        self._link = self._mailbox = self._recorder = self._commands = self._signed = None
 
     # -- every tick ---------------------------------------------------------------------------------
 
@@ -200,6 +208,11 @@ class AirChannel:
         """What answers, and what it does when set-points stop."""
         version = self.release.text if self.release is not None else "of unknown version"
         return f"{self.family.name} {version}; when set-points stop it {self.family.on_silence}"
+
+    @property
+    def forged(self) -> int | None:
+        """Frames that came without a good signature; None on a link that is not signed."""
+        return None if self._signed is None else self._signed.signer.refused
 
     @property
     def reboots(self) -> int:

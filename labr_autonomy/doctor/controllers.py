@@ -103,9 +103,20 @@ async def _autopilot(channel: AirChannel, config: RobotConfig) -> list[Finding]:
         volts = "unknown" if state.battery_v is None else f"{state.battery_v:.1f} V"
         found.append(good("air", "state", f"disarmed, in mode {state.mode}, battery {volts}"))
     found.append(clock)
-    text = "frames are not signed: MAVSDK 4.1 cannot sign"
-    found.append(note("air", "signing", text, "Keep the link inside the robot: a cable, or 127.0.0.1."))
+    found.append(_signing(channel))
     return found
+
+
+def _signing(channel: AirChannel) -> Finding:
+    if channel.forged is None:
+        text = "frames are not signed"
+        return note("air", "signing", text, "Keep the link inside the robot, or name a key: links.air_key.")
+    if channel.forged:
+        text = f"{channel.forged} frames came without a good signature and were dropped"
+        return wrong(
+            "air", "signing", text, "Somebody else is on the link, or the autopilot has another key."
+        )
+    return good("air", "signing", "every frame is signed, both ways")
 
 
 def _parameter(row: Row) -> Finding:

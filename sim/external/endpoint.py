@@ -3,39 +3,15 @@
 from __future__ import annotations
 
 from typing import Any
-from urllib.parse import urlsplit
 
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import development as mavlink
 
-from labr_autonomy.errors import BadInput, LinkError
+from labr_autonomy.air.address import device_of
+from labr_autonomy.errors import LinkError
 
 BATCH_MAX = 200  # datagrams taken at one look
 BYTES_MAX = 4096
-_SCHEMES = {"udpin": "udpin", "udp": "udpin", "udpout": "udpout", "tcp": "tcp", "tcpout": "tcp"}
-
-
-def device_of(url: str) -> tuple[str, int]:
-    """What pymavlink calls a MAVSDK URL, and its baud rate.
-
-    Raises:
-        BadInput: It is no such URL.
-    """
-    parts = urlsplit(url)
-    try:
-        port = parts.port
-    except ValueError:
-        port = None
-    scheme = _SCHEMES.get(parts.scheme)
-    if scheme and parts.hostname and port:
-        return f"{scheme}:{parts.hostname}:{port}", 0
-    name, _, baud = url.removeprefix("serial://").rpartition(":")
-    if url.startswith("serial://") and name and baud.isdigit():
-        return name, int(baud)
-    raise BadInput(
-        f"{url!r} is no address of an autopilot",
-        "Write udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT or serial:///dev/NAME:BAUD.",
-    )
 
 
 class Endpoint:

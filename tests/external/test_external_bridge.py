@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
 
+from labr_autonomy.air.address import device_of
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import BadInput, ExitCode, LinkError
@@ -17,7 +18,6 @@ from sim.autopilot.sih import hil_state
 from sim.battery import Battery
 from sim.external import bridge as bridge_module
 from sim.external.bridge import Bridge
-from sim.external.endpoint import device_of
 from sim.quad.state import QuadState
 
 CLOCK = SystemClock()
