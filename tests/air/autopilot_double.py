@@ -18,6 +18,7 @@ from sim.autopilot.parameters import Parameters
 HOLD, OFFBOARD, LAND = 0x03040000, 0x00060000, 0x06040000
 STABILIZE, GUIDED, AP_LAND = 0, 4, 9
 ARDUPILOT = 3
+TEXT_LATER_S = 0.05
 VERSIONS = {12: (59647, 17956992), 3: (64495, 67567616)}  # capabilities and version, as recorded
 CLOCK = SystemClock()
 
@@ -135,7 +136,8 @@ class Double(asyncio.DatagramProtocol):
             m.MAVLink_command_ack_message(c.command, result, 0, 0, c.get_srcSystem(), c.get_srcComponent())
         )
         if result != 0 and self.text:  # after the acknowledgement, as recorded from ArduPilot
-            self.send(m.MAVLink_statustext_message(3, self.text))
+            said = m.MAVLink_statustext_message(3, self.text)
+            asyncio.get_running_loop().call_later(TEXT_LATER_S, self.send, said)
         if result != 0 and self.event:
             self.send_event(self.event)
 
