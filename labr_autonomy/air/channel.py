@@ -23,6 +23,7 @@ from labr_autonomy.air.report import Report
 from labr_autonomy.air.setpoints import Fields, origin_fields, setpoint_fields, vision_fields
 from labr_autonomy.air.signed_link import SignedLink
 from labr_autonomy.air.telemetry import AirState
+from labr_autonomy.air.time_sync import TimeSync
 from labr_autonomy.air.vehicle import Release, check_release, check_vehicle, release_of
 from labr_autonomy.air.watch import Watch, WatchAt
 from labr_autonomy.clock import Clock
@@ -36,7 +37,6 @@ _log = logging.getLogger("labr.air")
 LIFT_S = 8.0  # ArduPilot spins up for 4 s before it leaves the floor (recorded)
 EFFECT_S = 2.0  # an acknowledged request must show in the state within this; heartbeats come at 1 Hz
 SETPOINT_FRESH_S = 0.5  # PX4 wants at least 2 Hz before and during offboard
-PING_LOST_S = 2.0  # an answer later than this is none
 REASON_S = 0.3  # the words of a refusal come just after its acknowledgement
 POLL_S = 0.02
 SLOTS = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "EXTENDED_SYS_STATE", "BATTERY_STATUS", "CURRENT_MODE")
@@ -73,7 +73,7 @@ class AirChannel:
         self.on_imu: Callable[[ImuSample], None] | None = None
         self.on_say: Callable[[str], None] | None = None
         self.on_round_trip: Callable[[float], None] | None = None
-        self._asked_ns: dict[int, float] = {}  # stamps of pings under way, and when they left
+        self._time_sync = TimeSync()
         self.family: Family = PX4
         self.release: Release | None = None
         self._report = Report()
@@ -186,11 +186,7 @@ class AirChannel:
         Raises:
             LinkError: The link is not open or did not take it.
         """
-        now_s = self._clock.now_s()
-        self._asked_ns = {k: t for k, t in self._asked_ns.items() if now_s - t < PING_LOST_S}
-        stamp_ns = int(now_s * 1e9)
-        self._asked_ns[stamp_ns] = now_s
-        self._opened().send("TIMESYNC", {"tc1": 0, "ts1": stamp_ns})
+        self._opened().send("TIMESYNC", self._time_sync.ask(self._clock.now_s()))
 
     @property
     def state(self) -> AirState:
@@ -419,19 +415,12 @@ class AirChannel:
             self.on_imu(sample)
 
     def _take_timesync(self, message: telemetry.Message) -> None:
-        """Tell the autopilot our monotonic clock, by which it then reads the stamps of `send_vision`.
-
-        MAVSDK could answer too, but with the wall clock, which may jump in flight.
-        """
-        if message.fields["tc1"] != 0:  # an answer, to us or to MAVSDK
-            left_s = self._asked_ns.pop(int(message.fields["ts1"]), None)
-            if left_s is not None and self.on_round_trip is not None:
-                self.on_round_trip(message.arrival_s - left_s)
-            return
-        middle_s = 0.5 * (
-            message.arrival_s + self._clock.now_s()
-        )  # the hand-over must not look like an offset
-        self._try_send("TIMESYNC", {"tc1": int(middle_s * 1e9), "ts1": message.fields["ts1"]})
+        answer = self._time_sync.answer(message, self._clock.now_s())
+        if answer is not None:
+            self._try_send("TIMESYNC", answer)
+        round_trip_s = self._time_sync.round_trip_s(message)
+        if round_trip_s is not None and self.on_round_trip is not None:
+            self.on_round_trip(round_trip_s)
 
     def _ask_again(self) -> None:
         """The autopilot has rebooted and sends its default rates."""

@@ -56,6 +56,7 @@ class AirState:
     fault: str | None = None  # a sentence, when it is lost or in failsafe
     intended: str = ""  # the mode it was asked for, "" where the autopilot does not tell
     lifts_by_command: bool = False  # on the floor it ignores set-points and wants a take-off command
+    resumes: bool = True  # it comes back by itself after lost set-points
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,4 +194,5 @@ def air_state(latest: Mapping[str, Message], heard_s: float, now_s: float) -> Ai
         fault=fault,
         intended=intended if connected else "",
         lifts_by_command=family.lifts_by_command,
+        resumes=family.resumes,
     )

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 FOLLOWING = frozenset({"offboard", "guided"})  # the modes in which an autopilot obeys our set-points
+FAILSAFES = frozenset({"land", "return", "hold"})  # where an autopilot that tells no intention goes by itself
 RESUME_S = 2.5  # PX4 is back within 0.1 s of the first set-point; its word of it comes up to 1.2 s later
 
 
@@ -30,6 +31,7 @@ class Inputs:
     critical: bool  # it calls its own state critical
     landing_asked: bool  # we asked it to land
     restarted: bool  # its clock began anew since it took off
+    resumes: bool = True  # it comes back by itself after lost set-points (PX4)
 
 
 def step(state: State, i: Inputs, now_s: float) -> tuple[State, str]:
@@ -46,7 +48,8 @@ def step(state: State, i: Inputs, now_s: float) -> tuple[State, str]:
         return state, ""
     if i.mode in FOLLOWING or (i.landing_asked and i.mode == "land"):
         return State(), ""
-    if not i.critical or (i.intended and i.intended not in FOLLOWING):
+    own = i.intended in FOLLOWING or (not i.intended and i.mode in FAILSAFES)
+    if not (i.resumes and i.critical and own):
         return State(), f"somebody else took over: the autopilot is in {i.mode}"
     since_s = now_s if state.failsafe_since_s is None else state.failsafe_since_s
     if now_s - since_s <= RESUME_S:

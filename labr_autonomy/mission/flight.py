@@ -402,7 +402,7 @@ class Flight:
             "vio": self._filter.ages(now_s)["vio"],
             "depth": math.inf if header is None else now_s - header[1],
             "plan": now_s - self._result_s,
-            "px4": now_s - self._air.state.stamp_s,
+            "air": now_s - self._air.state.stamp_s,
             "stm32": self._ground.state.age_s,
         }
 

@@ -48,7 +48,9 @@ def look(
         plan_age_s=plan_age_s if pilot.planning_mode is not None else 0.0,
         vio_rejected=poses.vio_rejected_in_a_row,
         estop=ground.mode == "estop",
-        taken_over=pilot.taken_over(air.mode, air.intended, air.failsafe, restarts, now_s),
+        taken_over=pilot.taken_over(
+            air.mode, air.intended, air.failsafe, restarts, now_s, resumes=air.resumes
+        ),
         battery_left=1.0 if air.battery_remaining is None else air.battery_remaining,
         battery_reserve=config.energy.reserve,
     )

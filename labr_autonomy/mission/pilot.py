@@ -148,7 +148,16 @@ class Pilot:
         """Mode to plan for now; None while the transition flies by itself."""
         return {Phase.DRIVING: Mode.LAND, Phase.FLYING: Mode.AIR}.get(self.transition.phase)
 
-    def taken_over(self, mode: str, intended: str, critical: bool, restarts: int, now_s: float) -> str:
+    def taken_over(
+        self,
+        mode: str,
+        intended: str,
+        critical: bool,
+        restarts: int,
+        now_s: float,
+        *,
+        resumes: bool = True,
+    ) -> str:
         """Why the autopilot no longer follows us, "" while it does.
 
         Args:
@@ -157,12 +166,13 @@ class Pilot:
             critical: It calls its own state critical.
             restarts: How often it has restarted.
             now_s: The present.
+            resumes: It comes back by itself after lost set-points.
         """
         flying = self.transition.phase in ROTORS_OURS
         if not flying:
             self._restarts_seen = restarts
         inputs = takeover.Inputs(
-            flying, mode, intended, critical, self._commanded_land, restarts > self._restarts_seen
+            flying, mode, intended, critical, self._commanded_land, restarts > self._restarts_seen, resumes
         )
         self._takeover, sentence = takeover.step(self._takeover, inputs, now_s)
         return sentence

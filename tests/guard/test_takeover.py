@@ -9,9 +9,9 @@ from labr_autonomy.guard.takeover import FOLLOWING, RESUME_S, Inputs, State, ste
 MODES = ("offboard", "guided", "land", "hold", "position", "return", "unknown")
 STATES = (State(), State(100.0 - RESUME_S - 0.1), State(99.9))
 EVERY_INPUT = [
-    Inputs(f, m, i, c, asked, restarted)
-    for f, m, i, c, asked, restarted in itertools.product(
-        (False, True), MODES, ("", "offboard", "guided", "land", "position"), *([(False, True)] * 3)
+    Inputs(f, m, i, c, asked, restarted, resumes)
+    for f, m, i, c, asked, restarted, resumes in itertools.product(
+        (False, True), MODES, ("", "offboard", "guided", "land", "position"), *([(False, True)] * 4)
     )
 ]
 
@@ -35,7 +35,11 @@ def test_we_go_on_only_where_the_autopilot_follows_or_may_come_back(state):
             assert (after, sentence) == (state, "")
         elif i.landing_asked and i.mode == "land":
             assert sentence == ""
-        elif not i.critical or i.intended in ("land", "position"):
+        elif (
+            not (i.critical and i.resumes)
+            or i.intended in ("land", "position")
+            or (not i.intended and i.mode == "position")
+        ):
             assert i.mode in sentence
             assert "somebody else" in sentence
         else:
@@ -48,6 +52,11 @@ def test_a_pilot_who_takes_over_during_a_failsafe_gets_it_at_once():
     assert sentence == ""
     _, sentence = step(state, look(mode="position", intended="position", critical=True), 10.02)
     assert "position" in sentence
+
+
+def test_an_autopilot_that_never_comes_back_is_not_waited_for():
+    _, sentence = step(State(), look(mode="land", intended="", critical=True, resumes=False), 10.0)
+    assert "in land" in sentence
 
 
 def test_a_silent_link_does_not_stop_the_clock_of_a_failsafe():
