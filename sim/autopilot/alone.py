@@ -40,6 +40,16 @@ log = logging.getLogger("labr.sim.alone")
 class Autopilot(Protocol):
     """What flies: PX4's or ArduPilot's stand-in."""
 
+    @property
+    def armed(self) -> bool:
+        """Whether the rotors may turn."""
+        ...
+
+    @property
+    def mode_name(self) -> str:
+        """Mode that runs, in a word."""
+        ...
+
     def receive(self, data: bytes) -> None:
         """Bytes off the link."""
         ...
@@ -71,6 +81,7 @@ class Alone:
         self._steps = 0
         self._start_s = self._clock.now_s()
         self.vehicle: Autopilot = _make(kind, self._air.write_bytes, seed)
+        self._told: tuple[str, bool] | None = None
         self.stop = asyncio.Event()
 
     def step(self, now_s: float) -> None:
@@ -78,6 +89,10 @@ class Alone:
         for data in self._air.read_bytes():
             self.vehicle.receive(data)
         motors = self.vehicle.step(now_s, self._truth, self._battery)
+        now = self.vehicle.mode_name, self.vehicle.armed
+        if now != self._told:
+            self._told = now
+            log.info("%s, %s", now[0], "armed" if now[1] else "disarmed")
         at_rest = self._truth.on_ground and abs(float(self._truth.velocity_mps[2])) < STILL_MPS
         if motors is not None or not at_rest:
             self._battery.draw("rotors", self._truth.electrical_w)

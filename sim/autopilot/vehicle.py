@@ -79,6 +79,11 @@ class Vehicle:
         return self.brain.armed
 
     @property
+    def mode_name(self) -> str:
+        """Mode that runs, in a word."""
+        return self.commander.mode.name.lower()
+
+    @property
     def estimator(self) -> Estimator:
         """What the poses are fused by."""
         return self.brain.estimator

@@ -77,6 +77,11 @@ class Copter:
         """Whether the rotors may turn."""
         return self.state.armed
 
+    @property
+    def mode_name(self) -> str:
+        """Mode that runs, in a word."""
+        return self.state.mode.name.lower()
+
     def receive(self, data: bytes) -> None:
         """Take bytes off the link; they are looked at in the next step."""
         self._inbox.append(data)
