@@ -153,7 +153,8 @@ class DrivingLayer:
         low, high = np.clip(low, 0, n - 1), np.clip(high, 1, n)
         window = np.s_[low[0] : high[0], low[1] : high[1]]
         occupied, known = self._cells(window)
-        unseen = cv2.morphologyEx((~known).astype(np.uint8), cv2.MORPH_OPEN, np.ones((GRAIN, GRAIN), np.uint8))
+        grain = np.ones((GRAIN, GRAIN), np.uint8)
+        unseen = cv2.morphologyEx((~known).astype(np.uint8), cv2.MORPH_OPEN, grain)
         spots = np.where(occupied[:, :, None], self.spots[window], np.int8(0))
         return Field2.from_points(occupied | (unseen > 0), known, spots, self.origin_m + low * CELL_M, CELL_M)
 
