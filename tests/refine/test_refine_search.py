@@ -158,11 +158,10 @@ def test_ways_end_where_they_and_the_offer_together_are_cheapest(seed):
     places = np.argwhere(free)[rng.choice(int(free.sum()), 40, replace=False)]
     offers[tuple(places.T)] = rng.uniform(0.0, 30.0, 40)
     ways = CostToGo(field, np.array([20.0, 20.0]), 0.35, offers=offers)
-    alone = [
-        CostToGo(field, field.origin_m + (cell + 0.5) * 0.1, 0.35).cost_m(np.array(start))
-        + offers[tuple(cell)]
-        for cell in places
-    ]
+    alone = []
+    for cell in places:
+        to = CostToGo(field, field.origin_m + (cell + 0.5) * 0.1, 0.35)
+        alone.append(to.cost_m(np.array(start)) + offers[tuple(cell)])
     assert ways.cost_m(np.array(start)) == pytest.approx(min(alone), rel=1e-6)
     best = field.origin_m + (places[int(np.argmin(alone))] + 0.5) * 0.1
     assert np.allclose(ways.end(np.array(start)), best)
