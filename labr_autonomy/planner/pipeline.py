@@ -14,6 +14,8 @@ from labr_autonomy.gkpn.local_map import local_map
 from labr_autonomy.modes.decision import classify, lift_off_distance_m
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.perception.fields import Field2, Field3
+from labr_autonomy.perception.driving_kernels import CELL_M
+from labr_autonomy.perception.memory import Memory
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
 from labr_autonomy.planner.kept_ways import KeptWays
@@ -24,12 +26,13 @@ from labr_autonomy.planner.way_out import WayOut
 from labr_autonomy.refine import shortest
 from labr_autonomy.refine.planner import Refiner
 from labr_autonomy.refine.reference import to_key_points
-from labr_autonomy.refine.search import CostToGo
+from labr_autonomy.refine.search import GOAL_SNAP_M, CostToGo
 from labr_autonomy.refine.values import AirState, LandState, RefineResult
 from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Source, Trajectory
 
 NETWORK_RANGE_M = 8.0  # farther goals are shown to the network at most at this distance, on the floor
 FAR_M = 3.0 * NETWORK_RANGE_M  # a key point farther away than this is not meant
+UNDER_GOAL_M = 2.5  # how far from below an air goal out of the map's reach the drive may end
 GOAL_JOIN_M = 0.6  # a path that ends this near the goal ends at it
 ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow with ease
 NARROW_MARGIN_M = 0.01  # and so that it can follow at all
@@ -63,6 +66,7 @@ class Pipeline:
         self._route = routes.State()
         self._land_ways, self._air_ways = KeptWays(), KeptWays()
         self._way_out = WayOut()
+        self._memory = Memory(2.0 * CELL_M)
         self._seen = -1
         self._drawn_s = -math.inf
         self._energy = EnergyModel.of(config)
@@ -161,20 +165,22 @@ class Pipeline:
 
         def search() -> CostToGo:
             self._seen_field = self._map.land_field(request.body_pose, request.floor_z_m)
+            self._memory.remember(self._seen_field.coarser(), request.body_pose.position_m)
             return self._ways(request, None, ())
 
         return self._land_ways.of((float(goal[0]), float(goal[1])), request.start_s, search)
 
     def _ways(self, request: PlanRequest, tight_m: float | None, closed: tuple[Array, ...]) -> CostToGo:
-        plan, goal, hard_m = self._seen_field.coarser(), request.goal_m, self._refiner.land_hard_m
+        plan, goal, hard_m = self._memory.plan(request.goal_m), request.goal_m, self._refiner.land_hard_m
         offers = None
-        if request.goal_in_air and plan.contains(goal[None, :2])[0]:
+        if request.goal_in_air and self._seen_field.contains(goal[None, :2])[0]:
             air = self._ways_in_air(request, goal, float(goal[2]))
             offers = offers_by_air(plan, air, *self._take_off_column(request), goal, self._energy)
         return CostToGo(
             plan,
             goal[:2],
             hard_m + NARROW_MARGIN_M,
+            reach_m=UNDER_GOAL_M if request.goal_in_air else GOAL_SNAP_M,
             roomy_m=hard_m + ROUTE_MARGIN_M,
             tight_m=tight_m,
             closed=closed,
