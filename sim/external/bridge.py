@@ -178,14 +178,15 @@ class Bridge:
         if autopilot is None:
             return
         for message in autopilot.read():
-            if self._take(message, now_s):
-                self._executive_gets(autopilot.packed(message))
+            data = self._taken(autopilot, message, now_s)
+            if data is not None:
+                self._executive_gets(data)
         if self._truth_link is not None:
             for message in self._truth_link.read():
                 self._reader.take(message, now_s)
         for message in self._executive_says():
-            to_autopilot(message, self.alignment)
-            autopilot.write(message)
+            changed = to_autopilot(message, self.alignment)
+            autopilot.write_bytes(autopilot.packed(message) if changed else bytes(message.get_msgbuf()))
         if now_s - self._asked_s > ASK_S and self._beat is not None and self._silent_s(now_s) > TRUTH_LATE_S:
             self._asked_s = now_s
             self._ask_for_truth(autopilot)
@@ -194,25 +195,29 @@ class Bridge:
         latest = self._reader.latest
         return math.inf if latest is None else now_s - latest.stamp_s
 
-    def _take(self, message: mavlink.MAVLink_message, now_s: float) -> bool:
-        """Look at one message of the autopilot and turn it; False when it is not for the executive."""
-        name = message.get_type()
+    def _taken(self, autopilot: Endpoint, message: mavlink.MAVLink_message, now_s: float) -> bytes | None:
+        """Look at one message of the autopilot and turn it; None when it is not for the executive.
+
+        What is not changed passes as the very bytes: integers of parameters look like any float.
+        """
+        name, frame = message.get_type(), bytes(message.get_msgbuf())
         if name in NAMES:
             self._reader.take(message, now_s)
-            return False  # nobody in flight sees the truth
+            return None  # nobody in flight sees the truth
         if message.get_srcComponent() != mavlink.MAV_COMP_ID_AUTOPILOT1:
-            return True
+            return frame
         if name == "HEARTBEAT":
             self._beat = message
         elif name == "COMMAND_ACK":
-            return bool(message.target_component != COMPONENT)
+            return None if message.target_component == COMPONENT else frame
         force = specific_force_mps2(message)
         if force is not None:
             self.force_mps2 += FORCE_SHARE * (force - self.force_mps2)
-            if self._rover is not None:
-                add_rover(message, *self._rover)
-        to_executive(message, self.alignment)
-        return True
+            if self._rover is None:
+                return frame
+            add_rover(message, *self._rover)
+            return autopilot.packed(message)
+        return autopilot.packed(message) if to_executive(message, self.alignment) else frame
 
     def _executive_gets(self, data: bytes) -> None:
         try:

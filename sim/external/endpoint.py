@@ -59,14 +59,8 @@ class Endpoint:
         """Send a frame that is packed already."""
         self._link.write(data)
 
-    def write(self, message: mavlink.MAVLink_message) -> None:
-        """Send on what somebody else has said, as from them; of unknown messages the very bytes."""
-        self._link.write(self.packed(message))
-
     def packed(self, message: mavlink.MAVLink_message) -> bytes:
-        """The frame of a message that may have been changed, with its sender and sequence number."""
-        if message.get_type().startswith("UNKNOWN"):
-            return bytes(message.get_msgbuf())
+        """The frame of a message that was changed, with its sender and sequence number."""
         sender = message.get_srcSystem(), message.get_srcComponent()
         codec = self._codecs.setdefault(sender, mavlink.MAVLink(None, *sender))
         codec.seq = message.get_seq()

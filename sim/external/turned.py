@@ -20,18 +20,20 @@ LOCAL_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_FRD)
 INT16 = 32767
 
 
-def to_autopilot(message: mavlink.MAVLink_message, alignment: Alignment) -> None:
-    """Turn what the executive says, in place."""
+def to_autopilot(message: mavlink.MAVLink_message, alignment: Alignment) -> bool:
+    """Turn what the executive says, in place; whether anything was to be turned."""
     turner = _TO_AUTOPILOT.get(message.get_type())
     if turner is not None:
         turner(message, _Ned(alignment, back=True))
+    return turner is not None
 
 
-def to_executive(message: mavlink.MAVLink_message, alignment: Alignment) -> None:
-    """Turn what the autopilot says, in place."""
+def to_executive(message: mavlink.MAVLink_message, alignment: Alignment) -> bool:
+    """Turn what the autopilot says, in place; whether anything was to be turned."""
     turner = _TO_EXECUTIVE.get(message.get_type())
     if turner is not None:
         turner(message, _Ned(alignment, back=False))
+    return turner is not None
 
 
 def add_rover(message: mavlink.MAVLink_message, force_mps2: Vector, rates_rps: Vector) -> None:

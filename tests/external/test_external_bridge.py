@@ -4,10 +4,12 @@ import asyncio
 import contextlib
 import math
 import socket
+import struct
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as mavlink
+from pymavlink.generator.mavcrc import x25crc
 
 from labr_autonomy.air.address import device_of
 from labr_autonomy.clock import SystemClock
@@ -180,6 +182,23 @@ async def test_the_autopilots_inertial_unit_feels_the_rover_and_nothing_in_fligh
     (m,) = [m for m in rig.got(rig.executive) if m.get_type() == "HIGHRES_IMU"]
     assert m.zgyro == pytest.approx(-0.7 if on_wheels else 0.0)
     assert m.zacc == pytest.approx(-9.8)
+
+
+async def test_a_parameter_passes_bit_for_bit(rig):
+    """PX4 writes integers into the float; this one is a signalling NaN, which no float survives as it is."""
+    payload = b"\x01\x00\x80\x7f" + bytes.fromhex("a4030a00") + b"SOME_INT".ljust(16, b"\0") + b"\x06"
+    header = bytes([len(payload), 0, 0, 9, 1, 1, 22, 0, 0])
+    crc = x25crc(header + payload)
+    crc.accumulate(bytes([220]))  # CRC_EXTRA of PARAM_VALUE
+    frame = b"\xfd" + header + payload + struct.pack("<H", crc.crc)
+    rig.autopilot.sendto(frame, ("127.0.0.1", rig.port))
+    rig.step(quad((0.0, 0.0, 0.12), on_wheels=True))
+    rig.executive.setblocking(False)
+    seen = []
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            seen.append(rig.executive.recv(2048))
+    assert frame in seen
 
 
 async def test_a_frame_of_an_unknown_message_passes_as_it_is(rig):
