@@ -24,6 +24,8 @@ from sim.external.turned import GRAVITY_MPS2, add_rover, specific_force_mps2, to
 from sim.quad.state import QuadState
 
 WAIT_S = 20.0  # for the autopilot and its truth
+PACE_LOOK_S = 1.2
+PACE_ERROR_MAX = 0.3  # a busy machine reads a burst late
 ASK_S = 1.0
 TRUTH_LATE_S = 0.5
 TRUTH_HZ = 50.0
@@ -103,7 +105,21 @@ class Bridge:
                 raise self._missing()
             self._pump(now_s)
             await self._clock.sleep_until(now_s + 0.01)
+        await self._in_real_time()
         self._rest_up_m = self.truth.position_m[2]
+
+    async def _in_real_time(self) -> None:
+        """Our wheels and camera run in real time; so must the autopilot, where its truth tells the time."""
+        deadline_s = self._clock.now_s() + PACE_LOOK_S
+        while self._reader.pace is None and (now_s := self._clock.now_s()) < deadline_s:
+            self._pump(now_s)
+            await self._clock.sleep_until(now_s + 0.01)
+        pace = self._reader.pace
+        if pace is not None and abs(pace - 1.0) > PACE_ERROR_MAX:
+            raise LinkError(
+                f"the autopilot on {self._url} runs at {pace:.1f} times real time",
+                "Run its simulator in real time (PX4_SIM_SPEED_FACTOR=1).",
+            )
 
     def _missing(self) -> LinkError:
         if self._beat is None:

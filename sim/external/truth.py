@@ -22,6 +22,7 @@ NAMES = ("HIL_STATE_QUATERNION", "SIM_STATE", SIMSTATE)
 EARTH_M = 6378137.0  # WGS 84, equatorial radius
 FLATTENING = 1.0 / 298.257223563
 GRID_GAIN = 0.1  # share of the grid's difference that is taken over with each message
+PACE_AFTER_S = 0.8  # the shortest time over which two clocks are compared
 JUMP_M = 1.0  # further off than this the autopilot's simulator was put elsewhere
 
 
@@ -64,12 +65,15 @@ class TruthReader:
         self._origin: _Fix | None = None
         self.latest: Truth | None = None
         self.resets = 0
+        self._clock: tuple[float, float] | None = None  # the sender's and ours, when both were first seen
+        self.pace: float | None = None  # seconds of the sender's clock in one of ours, None while not known
 
     def take(self, message: mavlink.MAVLink_message, now_s: float) -> Truth | None:
         """Read one message; None when it is none of `NAMES`."""
         fix = _fix_of(message)
         if fix is None:
             return None
+        self._watch_clock(message, now_s)
         if self._origin is None:
             self._origin = fix
         grid = self._metres(fix)
@@ -77,6 +81,16 @@ class TruthReader:
         if self.latest.position_m == grid:
             self.resets += 1
         return self.latest
+
+    def _watch_clock(self, message: mavlink.MAVLink_message, now_s: float) -> None:
+        """HIL_STATE_QUATERNION tells the sender's time; ArduPilot's messages do not."""
+        stamp_us = getattr(message, "time_usec", None)
+        if stamp_us is None:
+            return
+        if self._clock is None:
+            self._clock = stamp_us * 1e-6, now_s
+        elif now_s - self._clock[1] >= PACE_AFTER_S:
+            self.pace = (stamp_us * 1e-6 - self._clock[0]) / (now_s - self._clock[1])
 
     def _metres(self, fix: _Fix) -> Vector:
         origin = self._origin

@@ -49,7 +49,8 @@ def quad(position, yaw=0.0, *, on_wheels, velocity=(0.0, 0.0, 0.0), rates=(0.0, 
 class Rig:
     """A bridge with both ends in the hands of a test."""
 
-    def __init__(self):
+    def __init__(self, *, speed=1.0):
+        self._speed, self._start_s = speed, CLOCK.now_s()
         self.executive, self.autopilot = udp(), udp()
         with udp() as free:
             self.port = free.getsockname()[1]
@@ -63,11 +64,15 @@ class Rig:
             self.autopilot.sendto(m.pack(self.own), ("127.0.0.1", self.port))
             self.own.seq = (self.own.seq + 1) & 0xFF
 
+    @property
+    def boot_s(self):
+        return 1.0 + self._speed * (CLOCK.now_s() - self._start_s)
+
     def beat(self, *, armed=False):
         self.says(mavlink.MAVLink_heartbeat_message(2, 12, 1 | (128 if armed else 0), 0x03040000, 3, 3))
 
     def truth(self, position, velocity=(0.0, 0.0, 0.0), yaw=math.pi / 2):
-        self.says(hil_state(quad(position, yaw, on_wheels=False, velocity=velocity), 1.0))
+        self.says(hil_state(quad(position, yaw, on_wheels=False, velocity=velocity), self.boot_s))
 
     async def open(self, *, beats=True, truth=True):
         opening = asyncio.create_task(self.bridge.open())
@@ -99,7 +104,8 @@ class Rig:
 
 
 @pytest.fixture
-async def rig():
+async def rig(monkeypatch):
+    monkeypatch.setattr(bridge_module, "PACE_LOOK_S", 0.0)  # the clocks are compared in a test of their own
     made = Rig()
     await made.open()
     yield made
@@ -238,6 +244,19 @@ async def test_what_does_not_come_is_named(beats, words, monkeypatch):
     try:
         with pytest.raises(LinkError, match=words):
             await rig.open(beats=beats, truth=False)
+    finally:
+        rig.close()
+
+
+@pytest.mark.parametrize(("speed", "fine"), [(1.0, True), (4.0, False)])
+async def test_an_autopilot_that_does_not_run_in_real_time_is_refused(speed, fine):
+    rig = Rig(speed=speed)
+    try:
+        if fine:
+            await rig.open()
+        else:
+            with pytest.raises(LinkError, match=r"runs at [34]\.\d times real time.*PX4_SIM_SPEED_FACTOR=1"):
+                await rig.open()
     finally:
         rig.close()
 
