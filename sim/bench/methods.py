@@ -105,8 +105,7 @@ def find_methods(names: str) -> list[Method]:
     unknown = sorted(set(asked) - METHODS.keys() - ABLATIONS.keys() - set(networks))
     if unknown or not asked:
         what = f"there is no method '{unknown[0]}'" if unknown else "no method is named"
-        known = ", ".join(METHODS | ABLATIONS)
-        raise BadInput(what, f"Take {known}, {HOW}, several with commas, or all")
+        raise BadInput(what, f"Take {', '.join(METHODS | ABLATIONS)}, {HOW}, several with commas, or all")
     known = (*METHODS.values(), *ABLATIONS.values())
     return [*(m for m in known if m.name in asked), *(_network(name) for name in networks)]
 
