@@ -137,6 +137,8 @@ class Simulator:
         self._see(now_s)
 
     def _see(self, now_s: float) -> None:
+        if isinstance(self._autopilot, Bridge) and self._autopilot.blind and not self.plant.state.on_wheels:
+            return  # a frozen pose would be worse than none
         if now_s >= self._vio_due_s:
             self._vio_due_s = max(self._vio_due_s + VIO_PERIOD_S, now_s)
             state = self.plant.state

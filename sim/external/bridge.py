@@ -165,6 +165,11 @@ class Bridge:
         self.alignment = Alignment.of((x, y, z), yaw_rad, truth.at(now_s), truth.yaw_rad)
 
     @property
+    def blind(self) -> bool:
+        """Its truth has stopped: what a VIO would see is not known."""
+        return self._truth_late
+
+    @property
     def height_m(self) -> float:
         """Of the autopilot above the floor of its own world."""
         return self.truth.position_m[2] - self._rest_up_m
@@ -266,7 +271,7 @@ class Bridge:
     def _watch(self, now_s: float) -> None:
         late = self._silent_s(now_s) > TRUTH_LATE_S
         if late and not self._truth_late:
-            log.error("the autopilot's truth has stopped: the robot stands where it was seen last")
+            log.error("the autopilot's truth has stopped: no more poses are made of it")
         self._truth_late = late
 
 

@@ -190,6 +190,17 @@ async def test_the_autopilots_inertial_unit_feels_the_rover_and_nothing_in_fligh
     assert m.zacc == pytest.approx(-9.8)
 
 
+async def test_a_truth_that_stops_is_noticed_and_one_that_returns_as_well(rig):
+    here = quad((0.0, 0.0, 0.12), on_wheels=True)
+    rig.step(here)
+    assert not rig.bridge.blind
+    rig.bridge.step(CLOCK.now_s() + 2.0 * bridge_module.TRUTH_LATE_S, here, Battery())
+    assert rig.bridge.blind
+    rig.truth((0.0, 0.0, 0.12))
+    rig.step(here)
+    assert not rig.bridge.blind
+
+
 async def test_a_parameter_passes_bit_for_bit(rig):
     """PX4 writes integers into the float; this one is a signalling NaN, which no float survives as it is."""
     payload = b"\x01\x00\x80\x7f" + bytes.fromhex("a4030a00") + b"SOME_INT".ljust(16, b"\0") + b"\x06"
