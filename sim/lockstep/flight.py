@@ -23,6 +23,7 @@ from sim.lockstep.air import AirSeam
 from sim.lockstep.land import LandSeam
 from sim.lockstep.planner import Planner
 from sim.lockstep.trial import Outcome
+from sim.movers.crowd import Crowd
 from sim.plant import STEP_S, Plant
 from sim.referee import Referee
 from sim.vio import VioStandIn
@@ -84,6 +85,7 @@ class LockstepFlight:
         goal_m: (3,) body origin at the goal, odom.
         in_air: The goal is to be reached flying.
         seed: Of the IMU.
+        crowd: Who walks about in its world; nobody when left out.
     """
 
     def __init__(
@@ -96,6 +98,7 @@ class LockstepFlight:
         goal_m: tuple[float, float, float],
         in_air: bool,
         seed: int,
+        crowd: Crowd | None = None,
     ) -> None:
         goal = Step(Kind.GOTO, "goal", np.array(goal_m), in_air, accept_m=ACCEPT_M, timeout_s=math.inf)
         self._config, self._plant, self._vio, self._eye = config, plant, vio, eye
@@ -113,7 +116,8 @@ class LockstepFlight:
         self._due: tuple[int, PlanResult] | None = None  # tick at which the plan is there
         self._result_s = 0.0
         self._stay: tuple[float, np.ndarray] | None = None  # since when, and where
-        self.referee = Referee()
+        self._crowd = crowd
+        self.referee = Referee(crowd=crowd)
         self.record = Record()
 
     def run(self, limit_s: float) -> tuple[Outcome, str]:
@@ -126,7 +130,7 @@ class LockstepFlight:
             if self._stuck():
                 return "timeout", f"it has not left its place for {STUCK_S:.0f} s"
             if self.referee.contacts:
-                return "contact", f"touched something at {self.referee.contact_places_m[0]}"
+                return "contact", f"touched {self._touched()} at {self.referee.contact_places_m[0]}"
             actions = self._tick()
             if self._pilot.steps.status is Status.DONE:
                 return "reached", "the goal is reached"
@@ -138,6 +142,12 @@ class LockstepFlight:
     def time_s(self) -> float:
         """Duration of the flight so far [s]."""
         return self._now_s - self._start_s
+
+    def _touched(self) -> str:
+        """What the first contact was with."""
+        if not self.referee.mover_contacts or self._crowd is None or self._crowd.nearest is None:
+            return "something"
+        return f"a {self._crowd.movers[self._crowd.nearest].shape.kind}"
 
     def _stuck(self) -> bool:
         """Whether the robot has stayed where it is for too long."""
@@ -164,6 +174,8 @@ class LockstepFlight:
         motors = self._air.step(self._now_s, STEP_S, plant.state, plant.battery)
         drive = self._land.step(self._now_s, STEP_S, plant.pins(armed=self._air.armed))
         plant.step(None if motors is None else np.array(motors), drive)
+        if self._crowd is not None:
+            self._crowd.watch(STEP_S, plant.state)
         self.referee.watch(self._now_s, plant)
         if self._steps % VIO_EVERY == 0:
             state = plant.state
@@ -222,7 +234,8 @@ class LockstepFlight:
         beat = self._ticks % PLAN_EVERY
         if beat == 0 and self._eye is not None:
             state = self._plant.state
-            image = self._eye.look(Pose(state.position_m, state.quaternion))
+            movers = self._crowd.placed if self._crowd is not None else ()
+            image = self._eye.look(Pose(state.position_m, state.quaternion), movers)
             self._frame = DepthFrame(self._ticks, self._now_s, image, self._config.camera.intrinsics)
         if beat != LOOK_TICKS or estimate is None:
             return
