@@ -29,6 +29,7 @@ class Referee:
     crowd: Crowd | None = None  # the movers, if any
     contacts: int = 0  # the robot's own: with the world, with movers, and falls off an edge
     mover_contacts: int = 0  # those of them with movers
+    unseen_contacts: int = 0  # and of these with movers that were out of the camera's view
     struck: int = 0  # times that a mover ran into the robot while it stood
     falls: int = 0
     contact_places_m: list[list[float]] = field(default_factory=list)
@@ -79,6 +80,7 @@ class Referee:
             else:
                 self.contacts += 1
                 self.mover_contacts += 1
+                self.unseen_contacts += crowd.nearest_unseen
                 self.contact_places_m.append([round(float(v), 3) for v in position_m])
 
     def _account(self, now_s: float, plant: Plant, airborne: bool) -> None:
@@ -112,6 +114,7 @@ class Referee:
         account = {
             "contacts": self.contacts,
             "mover_contacts": self.mover_contacts,
+            "unseen_contacts": self.unseen_contacts,
             "struck_while_standing": self.struck,
             "movers": 0 if self.crowd is None else len(self.crowd.movers),
             "falls": self.falls,

@@ -83,7 +83,7 @@ class Simulator:
         movers = movers_for(spec.movers, spec.seed, spec.ask_m, self._world, self.surface, self.robot)
         if len(movers) < spec.movers:
             log.warning("only %d of %d movers fit beside the way", len(movers), spec.movers)
-        self._crowd = Crowd(movers, self.robot.body) if movers else None
+        self._crowd = Crowd(movers, self.robot) if movers else None
         self.referee = Referee(crowd=self._crowd)
         self._vio = VioStandIn(spec.seed, disturbances.vio)
         self._vio_remote = udp_address(links.vio)

@@ -111,18 +111,22 @@ def _movers(rows: Sequence[Row]) -> list[str]:
             f"{row['family']}, {row['method']}",
             number(row["movers"], 1),
             number(row["contact_pct"], 0),
+            number(row["unseen_contact_pct"], 0),
             str(row["struck"]),
         ]
         for row in met
     ]
     return [
         "## Movers\n",
-        table(["family, method", "movers a trial", "contact %", "struck while standing"], lines),
+        table(
+            ["family, method", "movers a trial", "contact %", "out of view %", "struck while standing"], lines
+        ),
         "People and boxes walk to and fro across the way at 0.6 to 1.5 m/s; as many as fit on tracks of "
         "their own, up to the number asked for. They do not give way to a robot that moves. A person stops "
         "short of a robot that has stood for a second, a box does not look. A contact with a mover counts as "
         "any other, unless the robot had stood still for the last second: that is counted apart, as struck "
-        "while standing, and the flight goes on. The oracle flies without movers.\n",
+        "while standing, and the flight goes on. Out of view are contacts with a mover that the camera had "
+        "not been looking at for a second. The oracle flies without movers.\n",
     ]
 
 

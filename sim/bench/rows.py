@@ -153,6 +153,7 @@ def _figures(counted: Sequence[Flight], seed: int) -> dict[str, Any]:
         "trials_land": sum(not f.task.in_air for f in counted),
         "trials_air": sum(f.task.in_air for f in counted),
         "movers": statistics.mean([float(_met(f)) for f in counted]),
+        "unseen_contact_pct": statistics.share_pct([f.result.unseen > 0 for f in counted]),
         "struck": sum(f.result.struck for f in counted),
     }
     for outcome in _OUTCOMES:

@@ -147,7 +147,8 @@ class LockstepFlight:
         """What the first contact was with."""
         if not self.referee.mover_contacts or self._crowd is None or self._crowd.nearest is None:
             return "something"
-        return f"a {self._crowd.movers[self._crowd.nearest].shape.kind}"
+        unseen = " out of view" if self.referee.unseen_contacts else ""
+        return f"a {self._crowd.movers[self._crowd.nearest].shape.kind}{unseen}"
 
     def _stuck(self) -> bool:
         """Whether the robot has stayed where it is for too long."""

@@ -95,7 +95,7 @@ def fly_with(
     vio = VioStandIn(task.seed, TRUE_POSE if true_pose else disturbances.vio)
     eye = Eye(stage.renderer, robot.camera, seed=task.seed) if sees else None
     movers = [Mover.from_dict(values) for values in task.movers] if meets_movers else []
-    crowd = Crowd(movers, robot.body) if movers else None
+    crowd = Crowd(movers, robot) if movers else None
     flight = LockstepFlight(robot, plant, vio, eye, planner, task.goal_m, task.in_air, task.seed, crowd)
     began_s = cpu_s()
     outcome, reason = flight.run(task.limit_s)
@@ -122,6 +122,7 @@ def fly_with(
         real_time_factor=flight.time_s / spent_s if spent_s > 0.0 else math.inf,
         track=record.track,
         events=record.events,
+        unseen=referee.unseen_contacts,
         struck=referee.struck,
     )
 

@@ -10,7 +10,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from labr_autonomy.config import Body
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.frames import yaw_of
 from labr_autonomy.types import Array
 from sim.movers.mover import Mover, Placed
 from sim.quad.state import QuadState
@@ -20,7 +21,9 @@ KEEP_M = 0.3  # how short of a standing robot a person stops
 TURN_BACK_S = 2.0  # how long one who has been stopped stands before going back
 SET_OUT_M = 1.0  # nobody sets out towards a robot nearer than this
 PATIENCE_S = 3.0  # unless it has stood in the way for so long
-STANDING_S = 1.0  # at rest for so long, the robot stands
+NOTICED_S = 0.5  # a person sees that the robot stands when it has been at rest for so long
+STANDING_S = 1.0  # at rest for so long, the robot has done what it could
+UNSEEN_S = 1.0  # out of the camera's view for so long, no image could have told of a mover
 REST_MPS = 0.05  # on wheels, slower than this is at rest
 HOVER_MPS = 0.2  # in the air: a hover sways by so much in gusts
 NEAR_M = 4.0  # farther movers are not measured
@@ -36,6 +39,7 @@ class _Walk:
     speed_mps: float = 0.0
     wait_s: float = 0.0
     held_s: float = 0.0  # how long it has put off setting out
+    unseen_s: float = math.inf  # how long it has been out of the camera's field of view
 
 
 class Crowd:
@@ -43,12 +47,14 @@ class Crowd:
 
     Args:
         movers: Who.
-        body: The robot's outline.
+        robot: Its outline, and where its camera looks.
     """
 
-    def __init__(self, movers: Sequence[Mover], body: Body) -> None:
+    def __init__(self, movers: Sequence[Mover], robot: RobotConfig) -> None:
         self.movers = tuple(movers)
-        self._body = body
+        self._body = robot.body
+        self._half_view_rad = math.atan(0.5 * robot.camera.width / robot.camera.fx)
+        self._view_m = robot.camera.range_max_m
         self._walks = [_Walk(m.along_m, 1.0 if m.forth else -1.0) for m in self.movers]
         self._rest_s = 0.0
         self.placed: tuple[Placed, ...] = tuple(m.at(m.along_m) for m in self.movers)
@@ -65,7 +71,20 @@ class Crowd:
         """Whether the robot has been at rest for the last `STANDING_S`."""
         return self._rest_s >= STANDING_S - 1e-9
 
-    def step(self, dt_s: float, position_m: Array, velocity_mps: Array, *, on_wheels: bool) -> None:
+    @property
+    def nearest_unseen(self) -> bool:
+        """Whether the nearest mover has been out of the camera's view for the last `UNSEEN_S`."""
+        return self.nearest is not None and self._walks[self.nearest].unseen_s >= UNSEEN_S
+
+    def step(
+        self,
+        dt_s: float,
+        position_m: Array,
+        velocity_mps: Array,
+        *,
+        on_wheels: bool,
+        yaw_rad: float = 0.0,
+    ) -> None:
         """Everybody walks on.
 
         Args:
@@ -73,6 +92,7 @@ class Crowd:
             position_m: (3,) true body origin of the robot, odom.
             velocity_mps: (3,) true, odom.
             on_wheels: The robot stands or drives.
+            yaw_rad: Its true heading, along which the camera looks.
         """
         x, y, z = (float(v) for v in position_m)
         vx, vy, vz = (float(v) for v in velocity_mps)
@@ -87,6 +107,7 @@ class Crowd:
             there = self._walked(mover, walk, now, dt_s, gap_m, (x, y, z))
             if near and there is not now:
                 gap_m = there.clearance_m(x, y, z, self._body)
+            self._look(walk, there, dt_s, (x, y), yaw_rad)
             if gap_m < best:
                 best, nearest = gap_m, number
             placed.append(there)
@@ -95,7 +116,22 @@ class Crowd:
 
     def watch(self, dt_s: float, robot: QuadState) -> None:
         """Everybody walks on, beside the robot as it truly is."""
-        self.step(dt_s, robot.position_m, robot.velocity_mps, on_wheels=robot.on_wheels)
+        self.step(
+            dt_s,
+            robot.position_m,
+            robot.velocity_mps,
+            on_wheels=robot.on_wheels,
+            yaw_rad=yaw_of(robot.quaternion),
+        )
+
+    def _look(
+        self, walk: _Walk, there: Placed, dt_s: float, robot_m: tuple[float, float], yaw_rad: float
+    ) -> None:
+        """Whether the mover's middle is in the camera's field of view; walls are not looked at."""
+        dx, dy = there.x_m - robot_m[0], there.y_m - robot_m[1]
+        aside = math.remainder(math.atan2(dy, dx) - yaw_rad, math.tau)
+        seen = abs(aside) < self._half_view_rad and math.hypot(dx, dy) < self._view_m
+        walk.unseen_s = 0.0 if seen else walk.unseen_s + dt_s
 
     def _walked(
         self,
@@ -130,4 +166,4 @@ class Crowd:
         return there
 
     def _stops_short(self, mover: Mover, gap_m: float) -> bool:
-        return mover.shape.kind == "person" and self.robot_stands and gap_m <= KEEP_M
+        return mover.shape.kind == "person" and self._rest_s >= NOTICED_S and gap_m <= KEEP_M

@@ -28,7 +28,7 @@ class Walk:
     """Steps a crowd of one beside a robot."""
 
     def __init__(self, who, position=FAR):
-        self.crowd = Crowd([who], BODY)
+        self.crowd = Crowd([who], CONFIG)
         self.position = np.array(position, dtype=float)
         self.now_s = 0.0
         self.history = []  # t, y of the mover, gap

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from movers_rig import BODY, BOX, DT_S, Walk, mover
+from movers_rig import BODY, BOX, CONFIG, DT_S, Walk, mover
 
 from sim.battery import Battery
-from sim.movers.crowd import ACCELERATION_MPS2, KEEP_M, PATIENCE_S, SET_OUT_M, TURN_BACK_S
+from sim.movers.crowd import ACCELERATION_MPS2, KEEP_M, PATIENCE_S, SET_OUT_M, TURN_BACK_S, Crowd
 from sim.movers.draw import PERSON
 from sim.referee import Referee
 
@@ -117,6 +117,27 @@ def test_a_box_that_runs_into_a_standing_robot_is_recorded_apart():
     referee = judged(BOX, BEFORE, (0.0, 0.0, 0.0), 6.0)
     assert (referee.contacts, referee.struck) == (0, 1)
     assert referee.contact_places_m == []
+
+
+def test_a_contact_with_a_mover_that_the_camera_did_not_look_at_is_told_apart():
+    for yaw_rad, unseen in ((-0.5 * np.pi, 0), (0.5 * np.pi, 1)):  # the mover comes from the south
+        crowd = Crowd([mover()], CONFIG)
+        place, velocity = BEFORE - np.array([0.3, 0.0, 0.0]), np.array([0.1, 0.0, 0.0])
+        referee, plant = Referee(crowd=crowd), Body(Robot(place, velocity))
+        for i in range(round(3.0 / DT_S)):
+            plant.state.position_m = place + velocity * DT_S * i
+            crowd.step(DT_S, plant.state.position_m, velocity, on_wheels=True, yaw_rad=yaw_rad)
+            referee.watch(DT_S * i, plant)
+        assert (referee.mover_contacts, referee.unseen_contacts) == (1, unseen)
+
+
+def test_a_person_sees_within_half_a_second_that_the_robot_stands():
+    for stood_s, met in ((0.7, False), (0.2, True)):
+        walk = Walk(mover(), position=BEFORE)
+        while walk.crowd.placed[0].clearance_m(*BEFORE, BODY) > KEEP_M + 1.5 * stood_s:
+            walk.go(DT_S, velocity=(0.0, 0.06 if len(walk.history) % 2 else -0.06, 0.0))
+        walk.go(1.0)
+        assert (walk.least_gap_m <= 0.0) is met
 
 
 def test_every_time_counts_once():
