@@ -17,6 +17,7 @@ import click
 from labr_autonomy import __version__
 from labr_autonomy.commands.bench import bench, difficulty_option, movers_option
 from labr_autonomy.commands.dataset import dataset
+from labr_autonomy.commands.energy import energy
 from labr_autonomy.commands.train import train
 from labr_autonomy.errors import BadInput, ExitCode, LabrError
 
@@ -254,6 +255,7 @@ def _serve_simulator(
 
 main.add_command(bench)
 main.add_command(dataset)
+main.add_command(energy)
 main.add_command(train)
 
 
