@@ -13,6 +13,7 @@ import click
 from labr_autonomy.commands.ablation import table1
 from labr_autonomy.commands.checks import camera, crosscheck
 from labr_autonomy.commands.networks import table2
+from labr_autonomy.commands.transitions import transitions
 from labr_autonomy.errors import BadInput
 
 if TYPE_CHECKING:
@@ -182,6 +183,7 @@ bench.add_command(crosscheck)
 bench.add_command(camera)
 bench.add_command(table1)
 bench.add_command(table2)
+bench.add_command(transitions)
 
 
 def find_places(

@@ -17,7 +17,7 @@ from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
 from labr_autonomy.planner.kept_ways import KeptWays
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
-from labr_autonomy.planner.places import AT_END_M, UNDER_GOAL_M, column_clear
+from labr_autonomy.planner.places import AT_END_M, UNDER_GOAL_M, usable
 from labr_autonomy.planner.way_out import WayOut
 from labr_autonomy.refine import shortest
 from labr_autonomy.refine.planner import Refiner
@@ -79,7 +79,7 @@ class Pipeline:
             self._way_out.reset()
         field = self._map.land_field(request.body_pose, request.floor_z_m)
         ways = self._ways_on_land(request, field)
-        room_above = self._column_clear(request, request.lift_to_m)
+        room_above = self._usable(request, request.lift_to_m)
         if request.mode is Mode.LAND:
             followed, refined, routed_s, why = self._drive(request, network, field, ways, room_above)
         else:
@@ -281,7 +281,7 @@ class Pipeline:
 
     def _may_land(self, request: PlanRequest, ways: CostToGo) -> bool:
         """Room to come down here, and, for a goal on land, a way to drive on from here."""
-        if not self._column_clear(request, float(request.body_pose.position_m[2])):
+        if not self._usable(request, float(request.body_pose.position_m[2])):
             return False
         return request.goal_in_air or math.isfinite(ways.cost_m(request.body_pose.position_m[:2]))
 
@@ -344,8 +344,8 @@ class Pipeline:
         return around, Source.SEARCH, why
 
     # ------------------------------------------------------------------ places to take off and land
-    def _column_clear(self, request: PlanRequest, up_to_m: float) -> bool:
-        return column_clear(self._map, self._config, request, up_to_m)
+    def _usable(self, request: PlanRequest, up_to_m: float) -> bool:
+        return usable(self._map, self._config, request, up_to_m)
 
     def _map_now_and_then(self, field: Field2, now_s: float) -> np.ndarray | None:
         if now_s - self._drawn_s < MAP_EVERY_S:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -73,8 +74,18 @@ class Record:
     joules: Joules = field(default_factory=Joules)
 
 
+def to_goal(goal_m: tuple[float, float, float], in_air: bool) -> Step:
+    """The step of reaching a goal.
+
+    Args:
+        goal_m: (3,) body origin at the goal, odom.
+        in_air: It is to be reached flying.
+    """
+    return Step(Kind.GOTO, "goal", np.array(goal_m), in_air, accept_m=ACCEPT_M, timeout_s=math.inf)
+
+
 class LockstepFlight:
-    """Flies one goal.
+    """Flies a mission of a few steps.
 
     Args:
         config: The robot.
@@ -82,8 +93,7 @@ class LockstepFlight:
         vio: The pose source.
         eye: The camera; None for a method that does not look.
         planner: The method.
-        goal_m: (3,) body origin at the goal, odom.
-        in_air: The goal is to be reached flying.
+        mission: What is to be done; see `to_goal`.
         seed: Of the IMU.
         crowd: Who walks about in its world; nobody when left out.
     """
@@ -95,15 +105,13 @@ class LockstepFlight:
         vio: VioStandIn,
         eye: Eye | None,
         planner: Planner,
-        goal_m: tuple[float, float, float],
-        in_air: bool,
+        mission: Sequence[Step],
         seed: int,
         crowd: Crowd | None = None,
     ) -> None:
-        goal = Step(Kind.GOTO, "goal", np.array(goal_m), in_air, accept_m=ACCEPT_M, timeout_s=math.inf)
         self._config, self._plant, self._vio, self._eye = config, plant, vio, eye
         self._planner = planner
-        self._pilot = Pilot(config, [goal])
+        self._pilot = Pilot(config, mission)
         self._filter = PoseFilter()
         self._air = AirSeam(seed)
         self._land = LandSeam(config)
@@ -117,6 +125,8 @@ class LockstepFlight:
         self._result_s = 0.0
         self._stay: tuple[float, np.ndarray] | None = None  # since when, and where
         self._crowd = crowd
+        self.on_tick: Callable[[float, Actions], None] | None = None  # told the time and what left
+        self.on_step: Callable[[float], None] | None = None  # told the time after each step of the physics
         self.referee = Referee(crowd=crowd)
         self.record = Record()
 
@@ -178,6 +188,8 @@ class LockstepFlight:
         if self._crowd is not None:
             self._crowd.watch(STEP_S, plant.state)
         self.referee.watch(self._now_s, plant)
+        if self.on_step is not None:
+            self.on_step(self._now_s)
         if self._steps % VIO_EVERY == 0:
             state = plant.state
             self._vio.feed(self._now_s, Pose(state.position_m, state.quaternion), state.velocity_mps)
@@ -266,6 +278,8 @@ class LockstepFlight:
     # ------------------------------------------------------------------ records
     def _note(self, actions: Actions) -> None:
         self.record.joules.add(actions.phase, self._plant.battery.used_j)
+        if self.on_tick is not None:
+            self.on_tick(self._now_s, actions)
         if self._ticks % TRACK_EVERY == 0:
             x, y, z = (round(float(v), 3) for v in self._plant.state.position_m)
             flown = int(actions.phase in ROTORS)

@@ -14,7 +14,7 @@ from labr_autonomy.config import RobotConfig
 from sim.camera.process import Eye
 from sim.camera.renderer import Renderer, make_renderer
 from sim.disturbances import Disturbances
-from sim.lockstep.flight import LockstepFlight
+from sim.lockstep.flight import LockstepFlight, to_goal
 from sim.lockstep.planner import Planner
 from sim.lockstep.trial import REACHED_M, Outcome, Task, Trial, TrialResult
 from sim.movers.crowd import Crowd
@@ -96,7 +96,8 @@ def fly_with(
     eye = Eye(stage.renderer, robot.camera, seed=task.seed) if sees else None
     movers = [Mover.from_dict(values) for values in task.movers] if meets_movers else []
     crowd = Crowd(movers, robot) if movers else None
-    flight = LockstepFlight(robot, plant, vio, eye, planner, task.goal_m, task.in_air, task.seed, crowd)
+    goal = to_goal(task.goal_m, task.in_air)
+    flight = LockstepFlight(robot, plant, vio, eye, planner, [goal], task.seed, crowd)
     began_s = cpu_s()
     outcome, reason = flight.run(task.limit_s)
     spent_s = cpu_s() - began_s
