@@ -8,7 +8,8 @@ the height gained, which `EnergyModel.air_j` counts.
 
 Errors are standard errors. Power is sampled ten times a second and what the model leaves over lasts longer
 than that, so they are Newey and West's (Econometrica 55, 1987), which hold for samples that resemble their
-neighbours.
+neighbours, widened where the flights hold only a few times that memory. They tell the scatter, not what a
+slope, a wet floor or an uncalibrated sensor does to all samples alike.
 """
 
 from __future__ import annotations
@@ -121,7 +122,7 @@ class _Part:
 def _part(f: Samples, columns: Array, chosen: NDArray[np.bool_]) -> _Part:
     chosen = chosen & np.isfinite(f.power_w)
     step_s = float(np.median(np.diff(f.stamp_s))) if len(f.stamp_s) > 1 else MEMORY_S
-    return _Part(columns[chosen], f.power_w[chosen], round(MEMORY_S / max(step_s, 1e-3)))
+    return _Part(columns[chosen], f.power_w[chosen], max(1, round(MEMORY_S / max(step_s, 1e-3))))
 
 
 def _land_part(f: Samples) -> _Part:
@@ -152,8 +153,9 @@ def _least_squares(parts: Sequence[_Part]) -> tuple[Array, Array]:
     for part in parts:
         left = part.power_w - part.columns @ value
         middle += _newey_west(part.columns * left[:, None], part.memory)
-    freedom = max(len(y) - x.shape[1], 1)
-    return value, inverse @ middle @ inverse * (len(y) / freedom)
+    stretches = sum(len(part.power_w) / part.memory for part in parts)  # that know nothing of each other
+    few = max(1.0, stretches / max(stretches - x.shape[1], 1.0))
+    return value, inverse @ middle @ inverse * few
 
 
 def _newey_west(scores: Array, memory: int) -> Array:
