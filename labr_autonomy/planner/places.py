@@ -21,8 +21,8 @@ FLOOR_NOISE_M = 0.085  # returns of a floor seen from the air lie up to so much 
 RISEN_M = 0.01  # a floor that lies higher than this above where the robot took off has risen
 
 
-def usable(seen: RollingMap, config: RobotConfig, request: PlanRequest, up_to_m: float) -> bool:
-    """Whether the robot may take off or land where it is.
+def column_clear(seen: RollingMap, config: RobotConfig, request: PlanRequest, up_to_m: float) -> bool:
+    """Whether the robot may take off or land where it is: a free column over a floor that is not too steep.
 
     On its wheels the robot is as inclined as the floor. In the air the heights that were seen tell the slope;
     where the floor was not seen it counts as level and as high as where the robot took off. What stands on a

@@ -18,7 +18,7 @@ from labr_autonomy.modes.decision import classify
 from labr_autonomy.perception.fields import Field2, Field3
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
-from labr_autonomy.planner.places import AT_END_M, UNDER_GOAL_M, usable
+from labr_autonomy.planner.places import AT_END_M, UNDER_GOAL_M, column_clear
 from labr_autonomy.refine.planner import Refiner
 from labr_autonomy.refine.reference import along
 from labr_autonomy.refine.search import GOAL_SNAP_M
@@ -98,8 +98,8 @@ class MappingPlanner:
                 self._config.camera, self._map, request.body_pose, request.goal_m, request.goal_in_air
             ),
             land_path_ends=self._land_path_ends(request),
-            take_off_clear=self._usable(request, request.lift_to_m),
-            landing_clear=self._usable(request, float(request.body_pose.position_m[2])),
+            take_off_clear=self._column_clear(request, request.lift_to_m),
+            landing_clear=self._column_clear(request, float(request.body_pose.position_m[2])),
             timings=Timings(
                 map_s=mapped_s - began_s,
                 route_s=routed_s - mapped_s,
@@ -259,5 +259,5 @@ class MappingPlanner:
         end, here = self._way.points_m[-1], request.body_pose.position_m[:2]
         return float(np.hypot(*(end - here))) < AT_END_M
 
-    def _usable(self, request: PlanRequest, up_to_m: float) -> bool:
-        return usable(self._map, self._config, request, up_to_m)
+    def _column_clear(self, request: PlanRequest, up_to_m: float) -> bool:
+        return column_clear(self._map, self._config, request, up_to_m)
