@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +20,15 @@ if TYPE_CHECKING:
 @click.command()
 @click.option("--trials", type=click.IntRange(1, 100_000), default=200, metavar="N", help="Hand-overs.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="Of the first; others follow.")
+@click.option(
+    "--whole", is_flag=True, help="With camera, map and network as well; takes three times as long."
+)
 @click.option("--jobs", type=click.IntRange(1, 1024), metavar="J", help="At once (default: cores).")
 @out_option
 @json_option
-def transitions(trials: int, seed: int, jobs: int | None, out: Path | None, as_json: bool) -> None:
+def transitions(
+    trials: int, seed: int, whole: bool, jobs: int | None, out: Path | None, as_json: bool
+) -> None:
     """Stop, lift off, land and drive on, in gusts and on slopes up to 5 degrees.
 
     Each trial draws slope, heading, wind, charge and distances by its seed and is flown in lock-step by the
@@ -36,13 +42,14 @@ def transitions(trials: int, seed: int, jobs: int | None, out: Path | None, as_j
 
     folder = out or make_run_folder("bench-transitions")
     folder.mkdir(parents=True, exist_ok=True)
-    hops, stopped = _fly(range(seed, seed + trials), jobs or len(os.sched_getaffinity(0)), quiet=as_json)
+    at_once = jobs or len(os.sched_getaffinity(0))
+    hops, stopped = _fly(range(seed, seed + trials), at_once, whole=whole, quiet=as_json)
     if not hops:
         click.echo("labr-mission: stopped by the operator before the first hand-over was done", err=True)
         click.get_current_context().exit(int(ExitCode.ABORTED))
     found = summary(hops)
     answer: dict[str, Any] = {
-        "command": f"labr-mission bench transitions --trials {trials} --seed {seed}",
+        "command": f"labr-mission bench transitions --trials {trials} --seed {seed}{' --whole' * whole}",
         "seed": seed,
         "versions": versions(),
         **plain(found),
@@ -60,7 +67,7 @@ def transitions(trials: int, seed: int, jobs: int | None, out: Path | None, as_j
         click.get_current_context().exit(int(ExitCode.EXPECTATION_MISSED))
 
 
-def _fly(seeds: range, jobs: int, *, quiet: bool) -> tuple[list[Hop], bool]:
+def _fly(seeds: range, jobs: int, *, whole: bool, quiet: bool) -> tuple[list[Hop], bool]:
     """The trials by seed, and whether Ctrl-C ended them before the last."""
     from labr_autonomy.commands.progress import show_count
     from sim.bench.transitions.trial import fly
@@ -70,7 +77,7 @@ def _fly(seeds: range, jobs: int, *, quiet: bool) -> tuple[list[Hop], bool]:
     stopped = False
     with show_count(len(seeds), "hand-overs", quiet=quiet) as say:
         try:
-            for hop in carried_out(fly, seeds, jobs):
+            for hop in carried_out(partial(fly, whole=whole), seeds, jobs):
                 hops.append(hop)
                 failed = sum(not h.done for h in hops)
                 say(len(hops), f"{failed} failed" if failed else "")

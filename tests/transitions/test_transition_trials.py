@@ -58,6 +58,15 @@ def test_a_steep_and_gusty_hand_over_is_done_and_is_the_same_each_time():
     assert fly(seed) == hop
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(90)
+def test_with_camera_map_and_network_it_is_done_as_well():
+    hop = fly(21, whole=True)  # a slope of 4 degrees
+    assert hop.done, hop.reason
+    assert hop.stop_error_m < 0.10
+    assert hop.touchdown_mps < 0.4
+
+
 @dataclass
 class Plant:
     """As much of the physics as is looked at."""

@@ -15,7 +15,8 @@ def flown(monkeypatch):
     """The command on trials that cost nothing; what a seed does can be changed."""
     does = {}
 
-    def fly(seed):
+    def fly(seed, *, whole):
+        does.setdefault("whole", []).append(whole)
         change = does.get(seed, {})
         if isinstance(change, BaseException):
             raise change
@@ -64,6 +65,12 @@ def test_ctrl_c_tells_the_figures_so_far_and_ends_with_5(flown, tmp_path):
     done = run("--trials", 5, "--out", tmp_path / "run")
     assert done.exit_code == 5
     assert "before the first" in done.output
+
+
+def test_whole_flights_are_asked_for(flown, tmp_path):
+    done = run("--trials", 2, "--whole", "--out", tmp_path / "run", "--json")
+    assert flown["whole"] == [True, True]
+    assert json.loads(done.stdout)["command"].endswith("--whole")
 
 
 def test_bad_input_ends_with_2(flown):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -16,10 +17,14 @@ from labr_autonomy.mission.steps import Kind, Policy, Step
 from labr_autonomy.modes.transition import Phase
 from labr_autonomy.types import Array
 from sim.bench.transitions.open_ground import OpenGround, sloping_ground
+from sim.camera.process import Eye
+from sim.camera.renderer import make_renderer
 from sim.disturbances import Disturbances, Pack, Wind
 from sim.lockstep.flight import LockstepFlight
+from sim.lockstep.planner import Planner
 from sim.plant import LOADED_N, Plant
 from sim.vio import VioStandIn
+from sim.worlds.surface import Surface
 
 SLOPE_MAX_RAD = math.radians(5.0)
 MEAN_MAX_MPS, GUST_MPS = 1.0, (0.2, 0.8)  # from drafts indoors to wind under trees, `sim.disturbances`
@@ -164,12 +169,13 @@ class Measure:
             self._phase = actions.phase
 
 
-def fly(seed: int, record: Callable[[LockstepFlight], None] | None = None) -> Hop:
+def fly(seed: int, record: Callable[[LockstepFlight], None] | None = None, *, whole: bool = False) -> Hop:
     """Fly the trial of a seed; the answer follows from the seed alone.
 
     Args:
         seed: Of conditions and noise.
         record: Is given the flight before it begins, to listen to it.
+        whole: Fly with camera, map and network as well, by the flight's own planner.
     """
     c, robot = draw(seed), RobotConfig()
     usual = Disturbances()
@@ -179,12 +185,13 @@ def fly(seed: int, record: Callable[[LockstepFlight], None] | None = None) -> Ho
     surface = sloping_ground(*rises(c), robot.body)
     plant = Plant(robot, surface, (0.0, 0.0, math.radians(c.heading_deg), 0.0), seed, disturbed)
     steps = mission(c, robot)
-    flight = LockstepFlight(robot, plant, VioStandIn(seed, usual.vio), None, OpenGround(robot), steps, seed)
     measure = Measure(plant, steps)
-    flight.on_step, flight.on_tick = measure.step, measure.tick
-    if record is not None:
-        record(flight)
-    outcome, why = flight.run(LIMIT_S)
+    with _looking(robot, surface, seed, whole=whole) as (eye, planner):
+        flight = LockstepFlight(robot, plant, VioStandIn(seed, usual.vio), eye, planner, steps, seed)
+        flight.on_step, flight.on_tick = measure.step, measure.tick
+        if record is not None:
+            record(flight)
+        outcome, why = flight.run(LIMIT_S)
     return Hop(
         conditions=c,
         done=outcome == "reached" and not _fault(measure),
@@ -196,6 +203,21 @@ def fly(seed: int, record: Callable[[LockstepFlight], None] | None = None) -> Ho
         time_s=flight.time_s,
         events=flight.record.events,
     )
+
+
+@contextlib.contextmanager
+def _looking(
+    robot: RobotConfig, surface: Surface, seed: int, *, whole: bool
+) -> Iterator[tuple[Eye | None, Planner]]:
+    """The camera, if any, and the planner of a trial."""
+    if not whole:
+        yield None, OpenGround(robot)
+        return
+    from labr_autonomy.planner.pipeline import Pipeline
+
+    camera = robot.camera
+    with contextlib.closing(make_renderer(surface.world, camera.intrinsics, camera.range_max_m)) as renderer:
+        yield Eye(renderer, camera, seed=seed), Pipeline(robot)
 
 
 def _fault(measure: Measure) -> str:
