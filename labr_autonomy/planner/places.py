@@ -14,9 +14,8 @@ from labr_autonomy.perception.rolling_map import RollingMap
 from labr_autonomy.planner.messages import PlanRequest
 from labr_autonomy.types import Mode, Pose
 
-UNDER_GOAL_M = 2.5  # how far from below an air goal the drive may end
 AT_END_M = 0.35
-COLUMN_FROM_M = 0.1  # the column begins this high above the floor
+FLOOR_M = 0.1  # the column begins this high above the floor
 FLOOR_NOISE_M = 0.085  # returns of a floor seen from the air lie up to so much above its fitted plane
 RISEN_M = 0.01  # a floor that lies higher than this above where the robot took off has risen
 
@@ -34,9 +33,9 @@ def column_clear(seen: RollingMap, config: RobotConfig, request: PlanRequest, up
         request: Where the robot is, and its floor.
         up_to_m: Height of the body at the upper end of the vertical flight, odom.
     """
-    pose, body, clearance = request.body_pose, config.body, config.clearance
-    xy_m, radius_m = pose.position_m[:2], body.radius_m + clearance.landing_m
-    from_m = request.floor_z_m + COLUMN_FROM_M
+    pose, radius_m = request.body_pose, column_radius_m(config)
+    xy_m = pose.position_m[:2]
+    from_m, top_m = column_m(config, request, up_to_m)
     floor = None if request.mode is Mode.LAND else seen.driving.footing(xy_m, radius_m)
     rise = wheels_rise(pose) if request.mode is Mode.LAND else 0.0
     if floor is not None:
@@ -44,8 +43,19 @@ def column_clear(seen: RollingMap, config: RobotConfig, request: PlanRequest, up
         highest_m = floor.height_m + rise * radius_m
         if highest_m > request.floor_z_m + RISEN_M:
             from_m = math.ceil((highest_m + FLOOR_NOISE_M) / seen.cell_m) * seen.cell_m
-    top_m = up_to_m + body.above_m + clearance.landing_m
-    return rise <= clearance.landing_slope and seen.column_clear(xy_m, radius_m, from_m, top_m).clear
+    if rise > config.clearance.landing_slope:
+        return False
+    return seen.column_clear(xy_m, radius_m, from_m, top_m).clear
+
+
+def column_radius_m(config: RobotConfig) -> float:
+    """Free radius that a vertical flight needs."""
+    return config.body.radius_m + config.clearance.landing_m
+
+
+def column_m(config: RobotConfig, request: PlanRequest, up_to_m: float) -> tuple[float, float]:
+    """Heights (odom) between which the column of a vertical flight has to be free, over a level floor."""
+    return request.floor_z_m + FLOOR_M, up_to_m + config.body.above_m + config.clearance.landing_m
 
 
 def wheels_rise(pose: Pose) -> float:
