@@ -44,7 +44,6 @@ class Flight:
     task: Task
     result: TrialResult
     oracle: TrialResult | None
-    meets_movers: bool = True
 
     @property
     def reached(self) -> bool:
@@ -83,8 +82,7 @@ def flights(place: str, method: str, tasks: Tasks, records: Records, *, gated: b
             continue
         oracle = records.get((place, record.seed, ORACLE))
         task = tasks[place, record.seed]
-        meets = find_method(method).meets_movers
-        found.append(Flight(task, record.result, None if oracle is None else oracle.result, meets))
+        found.append(Flight(task, record.result, None if oracle is None else oracle.result))
     return found
 
 
@@ -152,7 +150,7 @@ def _figures(counted: Sequence[Flight], seed: int) -> dict[str, Any]:
         "trials": len(counted),
         "trials_land": sum(not f.task.in_air for f in counted),
         "trials_air": sum(f.task.in_air for f in counted),
-        "movers": statistics.mean([float(_met(f)) for f in counted]),
+        "movers": statistics.mean([float(f.result.movers) for f in counted]),
         "unseen_contact_pct": statistics.share_pct([f.result.unseen > 0 for f in counted]),
         "struck": sum(f.result.struck for f in counted),
     }
@@ -196,11 +194,6 @@ def worst(counted: Sequence[Flight], most: int = WORST) -> list[Flight]:
         return severity[flight.result.outcome], -ratio if math.isfinite(ratio) else 0.0, flight.task.seed
 
     return sorted(counted, key=key)[:most]
-
-
-def _met(flight: Flight) -> int:
-    """Movers in a flight's world: none in the oracle's."""
-    return len(flight.task.movers) if flight.meets_movers else 0
 
 
 def _put(row: dict[str, Any], key: str, values: list[float], seed: int) -> None:

@@ -123,6 +123,7 @@ def fly_with(
         real_time_factor=flight.time_s / spent_s if spent_s > 0.0 else math.inf,
         track=record.track,
         events=record.events,
+        movers=len(movers),
         unseen=referee.unseen_contacts,
         struck=referee.struck,
     )

@@ -84,13 +84,14 @@ def test_a_box_that_runs_into_a_waiting_robot_does_not_end_the_flight():
     result = fly_with(task(rammed, bound_s=-8.0), Still(), CONFIG, sees=False)
     assert result.outcome == "timeout"
     assert result.struck >= 1
+    assert result.movers == 1
     assert result.min_clearance_m <= 0.0
 
 
 def test_whoever_flies_without_movers_does_not_meet_them():
     rammed = mover(BOX, first=(-3.0, 2.0), last=(-3.0, -2.0), speed=1.0, pause=60.0)
     result = fly_with(task(rammed, bound_s=-8.0), Still(), CONFIG, sees=False, meets_movers=False)
-    assert (result.struck, result.outcome) == (0, "timeout")
+    assert (result.struck, result.movers, result.outcome) == (0, 0, "timeout")
     assert result.min_clearance_m > 0.3
 
 
@@ -108,7 +109,7 @@ def test_a_task_keeps_its_movers_and_an_older_one_has_none():
     del kept["movers"]
     assert task_from_dict(kept).movers == ()
     result = fly_with(task(bound_s=-9.5), Still(), CONFIG, sees=False).as_dict()
-    del result["struck"], result["unseen"]  # a journal from before there were movers
+    del result["struck"], result["unseen"], result["movers"]  # a journal from before there were movers
     assert result_from_dict(result).struck == 0
 
 
@@ -178,7 +179,7 @@ def test_a_row_counts_movers_and_strikes():
     from sim.bench.rows import Flight, _figures
 
     result = fly_with(task(bound_s=-9.5), Still(), CONFIG, sees=False)
-    row = _figures([Flight(task(ACROSS), replace(result, struck=2), None)], 0)
+    row = _figures([Flight(task(ACROSS), replace(result, struck=2, movers=1), None)], 0)
     assert (row["movers"], row["struck"]) == (1.0, 2)
     page = "\n".join(_movers([{**row, "family": "indoor", "method": "two-stage"}]))
     assert "| indoor, two-stage | 1.0 | 0 | 0 | 2 |" in page
