@@ -18,12 +18,14 @@ from labr_autonomy.perception import driving_kernels as kernels
 from labr_autonomy.perception.driving_kernels import CELL_M, HIGHEST, LOWEST, MISS, NO_FLOOR, OCCUPIED, STEP_M
 from labr_autonomy.perception.fields import Field2
 from labr_autonomy.perception.footing import Footing, footing
+from labr_autonomy.perception.moving import Moving
 from labr_autonomy.perception.raycast import apply
 from labr_autonomy.perception.shift import moved
 from labr_autonomy.types import Array
 
 FADE_M = 1.0  # of way takes one unit from all evidence of obstacles: the pose drifts away from it
 GRAIN = 3  # cells
+DODGE_M = 0.5  # round where something moved nothing is free: the way of a walker while the robot brakes
 
 
 class DrivingLayer:
@@ -39,6 +41,7 @@ class DrivingLayer:
         self.odds = np.zeros((n, n), np.int8)
         self.heights_mm = np.full((n, n), NO_FLOOR, np.int16)
         self.spots = np.zeros((n, n, 2), np.int8)  # mean place of a cell's returns; `point_distance`
+        self.moving = Moving((n, n), CELL_M, OCCUPIED)
         self._top_m = top_m
         self._corner = np.zeros(2, np.int64)  # odom, in whole cells
         self._marks = np.zeros(n * n, np.int8)
@@ -60,6 +63,7 @@ class DrivingLayer:
             self.odds = moved(self.odds, by, 0)
             self.heights_mm = moved(self.heights_mm, by, NO_FLOOR)
             self.spots = moved(self.spots, by, 0)
+            self.moving.shift(by)
         self._corner = corner
         place = np.array(place_m[:2], float)
         if self._faded_m is None:
@@ -80,6 +84,7 @@ class DrivingLayer:
         floor_z_m: float,
         sampling: tuple[int, int, int],
         range_m: float,
+        stamp_s: float,
     ) -> int:
         """Take in one image and what `ground.scan` made of it; the rest as there.
 
@@ -93,6 +98,7 @@ class DrivingLayer:
             floor_z_m: See `ground.scan`.
             sampling: Stride [px], first row, first column.
             range_m: Farthest return that counts.
+            stamp_s: Of the image.
 
         Returns:
             How many cells were seen.
@@ -115,7 +121,9 @@ class DrivingLayer:
             self._marks,
             self._touched,
         )
+        self.moving.watch(self.odds, self._marks, self._touched, count, self.origin_m, stamp_s)
         apply(self.odds.reshape(-1), self._marks, self._touched, count, MISS, LOWEST, HIGHEST)
+        self.moving.stamp(self.odds, self._touched, count)
         return count
 
     def clear(self, xy_m: Array, radius_m: float) -> None:
@@ -166,6 +174,8 @@ class DrivingLayer:
         occupied, known = self._cells(window)
         grain = np.ones((GRAIN, GRAIN), np.uint8)
         unseen = cv2.morphologyEx((~known).astype(np.uint8), cv2.MORPH_OPEN, grain)
+        for x, y in (self.moving.places_m - self.origin_m) / CELL_M - low:
+            cv2.circle(unseen, (round(y - 0.5), round(x - 0.5)), round(DODGE_M / CELL_M), 1, -1)
         spots = np.where(occupied[:, :, None], self.spots[window], np.int8(0))
         return Field2.from_points(occupied | (unseen > 0), known, spots, self.origin_m + low * CELL_M, CELL_M)
 

@@ -150,6 +150,7 @@ class RollingMap:
             floor_z_m=floor_z_m,
             sampling=sampling,
             range_m=self.range_m,
+            stamp_s=frame.stamp_s,
         )
         return integrate(
             self.log_odds,

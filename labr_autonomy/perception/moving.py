@@ -1,0 +1,119 @@
+"""What walks about: returns where the floor was surely free, away from anything that has stood for a while.
+
+A person fills many cells at once that were seen free a moment ago. A chair's leg that was too thin to be
+seen from afar fills few, and a wall that the pose drifts against fills cells beside what has long been
+solid: neither counts. Where something moved, nothing is driven to for a while, so that the robot brakes
+before it and stands when it comes close. Frame: odom; metres.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labr_autonomy.perception.compiled import compiled
+from labr_autonomy.perception.shift import moved
+from labr_autonomy.types import Array
+
+SURELY_FREE = -15  # log-odds of the driving layer
+STOOD_S = 1.0  # what has been solid so long does not move
+BESIDE = 3  # cells from it are its own
+TOGETHER, APART_M = 6, 0.3  # so many surprises so near to each other are a body
+HOLD_S = 1.0  # of a place where something moved
+MOST = 512  # surprises of one image that are looked at
+
+
+@compiled
+def _surprises(
+    odds: Any, marks: Any, touched: Any, count: int, since: Any, solid: int, before_s: float, out: Any
+) -> int:
+    """Flat indices of the cells with a return that were surely free and have nothing old beside them."""
+    n, m = odds.shape
+    found = 0
+    for k in range(count):
+        index = touched[k]
+        i, j = index // m, index % m
+        if marks[index] <= 1 or odds[i, j] > SURELY_FREE:
+            continue
+        old = False
+        for a in range(max(0, i - BESIDE), min(n, i + BESIDE + 1)):
+            for b in range(max(0, j - BESIDE), min(m, j + BESIDE + 1)):
+                old |= odds[a, b] >= solid and since[a, b] <= before_s
+        if not old and found < len(out):
+            out[found] = index
+            found += 1
+    return found
+
+
+@compiled
+def _stamp(odds: Any, touched: Any, count: int, since: Any, solid: int, now_s: float) -> None:
+    """Note since when each touched cell has been solid."""
+    m = odds.shape[1]
+    for k in range(count):
+        i, j = touched[k] // m, touched[k] % m
+        if odds[i, j] < solid:
+            since[i, j] = np.inf
+        elif since[i, j] == np.inf:
+            since[i, j] = now_s
+
+
+class Moving:
+    """The memory of it.
+
+    Args:
+        shape: Of the driving layer.
+        cell_m: Edge of its cells.
+        solid: Log-odds from which a cell is solid.
+    """
+
+    def __init__(self, shape: tuple[int, int], cell_m: float, solid: int) -> None:
+        self._since_s = np.full(shape, np.inf)
+        self._cell_m, self._solid = cell_m, solid
+        self._found = np.empty(MOST, np.int64)
+        self._places_m: Array = np.zeros((0, 3))  # x, y, when
+        self._now_s = -np.inf
+
+    def shift(self, by: NDArray[np.int64]) -> None:
+        """Follow the layer."""
+        self._since_s = moved(self._since_s, by, np.inf)
+
+    def watch(
+        self,
+        odds: NDArray[np.int8],
+        marks: NDArray[np.int8],
+        touched: NDArray[np.int32],
+        count: int,
+        origin_m: Array,
+        now_s: float,
+    ) -> None:
+        """Look for bodies in an image's marks, before they are applied.
+
+        Args:
+            odds: (n, m) of the layer.
+            marks: (n * m,) what the image says of the touched cells.
+            touched: Their flat indices.
+            count: How many.
+            origin_m: (2,) lower corner, odom.
+            now_s: The image's stamp.
+        """
+        k = _surprises(odds, marks, touched, count, self._since_s, self._solid, now_s - STOOD_S, self._found)
+        self._now_s = now_s
+        young = self._places_m[self._places_m[:, 2] > now_s - HOLD_S]
+        if k >= TOGETHER:
+            cells = np.stack(np.unravel_index(self._found[:k], odds.shape), axis=1)
+            places = origin_m + (cells + 0.5) * self._cell_m
+            near = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1)) <= APART_M
+            body = places[near.sum(axis=1) >= TOGETHER]
+            young = np.vstack([young, np.column_stack([body, np.full(len(body), now_s)])])
+        self._places_m = young
+
+    def stamp(self, odds: NDArray[np.int8], touched: NDArray[np.int32], count: int) -> None:
+        """Note what has become solid, after the marks were applied."""
+        _stamp(odds, touched, count, self._since_s, self._solid, self._now_s)
+
+    @property
+    def places_m(self) -> Array:
+        """(k, 2) where something moved within the last `HOLD_S`, odom."""
+        return self._places_m[:, :2]
