@@ -17,15 +17,17 @@ from typing import Any, NamedTuple
 
 from firmware_bridge.dialect import labr_land as wire
 from firmware_bridge.link import CONTROLLER, Link, Message, text_of
+from firmware_bridge.parameters import Parameters
 from labr_autonomy.clock import Clock
 from labr_autonomy.config import RobotConfig
 from sim import land_core as core
+from sim import land_wheels
 from sim.land_core import Inputs
-from sim.land_params import Parameters
 
 STATE_PERIOD_MS = 20
 HEARTBEAT_PERIOD_MS = 100
 READ_BYTES = 4096
+STEP_MAX_S = 0.040  # a late step ramps no further than this
 FIRMWARE = (1, 0, 0)
 CLOCK_ERROR_PPM = 40.0  # crystal of the controller against the computer's
 U16, U32 = 0xFFFF, 0xFFFFFFFF
@@ -72,6 +74,7 @@ class LandController:
     ) -> None:
         self.parameters = Parameters.of(config)
         self.state = core.State()
+        self.wheels = (land_wheels.Wheel(), land_wheels.Wheel())  # left, right
         self.dropped_frames = 0  # that found no reader
         self._protocol = protocol
         self._dialect_hash = dialect_hash
@@ -111,7 +114,7 @@ class LandController:
     def step(self, now_s: float, inputs: Inputs) -> WheelTargets:
         """Read the wire, decide, report. Call it at 250 Hz, with the rover advanced to `now_s` before."""
         self._now_ms = self._milliseconds(now_s)
-        dt_s = 0.0 if self._last_s is None else max(0.0, now_s - self._last_s)
+        dt_s = 0.0 if self._last_s is None else min(max(0.0, now_s - self._last_s), STEP_MAX_S)
         self._last_s = now_s
         self._inputs = inputs
         for received in self._link.feed(self._read(), now_s):
@@ -119,9 +122,21 @@ class LandController:
             if handler is not None:
                 handler(received.message)
         self.state = core.tick(self.state, inputs, self.parameters, self._now_ms, dt_s)
+        self._turn_wheels(dt_s)
         self._report()
         drive = self.state.drive
         return WheelTargets(drive.left_mps, drive.right_mps, drive.braked)
+
+    def _turn_wheels(self, dt_s: float) -> None:
+        """Duty of both motors, for a plant that has bare ones."""
+        s, i, (left, right) = self.state, self._inputs, self.wheels
+        if s.drive.braked:
+            self.wheels = (land_wheels.Wheel(), land_wheels.Wheel())
+            return
+        self.wheels = (
+            land_wheels.step(left, s.drive.left_mps, s.left_mps, i.left_a, self.parameters, dt_s),
+            land_wheels.step(right, s.drive.right_mps, s.right_mps, i.right_a, self.parameters, dt_s),
+        )
 
     def unplug(self) -> None:
         """Pull the cable. The controller itself keeps its power."""
@@ -151,6 +166,7 @@ class LandController:
         """Reset the processor; only the emergency stop and the boot count survive."""
         self.state = core.State(boot_count=self.state.boot_count + 1, estop=self.state.estop)
         self._boot_s = now_s
+        self.wheels = (land_wheels.Wheel(), land_wheels.Wheel())
         self._due_state_ms = self._due_heartbeat_ms = 0
         self._link.restart()
 
@@ -207,6 +223,10 @@ class LandController:
             faults=s.faults,
             battery_mv=_uint16(1000.0 * i.battery_v),
             current_ma=_uint16(1000.0 * i.current_a),
+            current_left=_int16(1000.0 * i.left_a),
+            current_right=_int16(1000.0 * i.right_a),
+            duty_left=_int16(1000.0 * self.wheels[0].duty),
+            duty_right=_int16(1000.0 * self.wheels[1].duty),
             command_age=age,
             cmd_seq=s.sequence or 0,
             rx_good=counters.good & U16,

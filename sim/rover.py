@@ -6,13 +6,14 @@ import math
 import random
 from dataclasses import dataclass
 
+from firmware_bridge.parameters import TICKS_PER_M
 from labr_autonomy.config import RobotConfig
 
 GRAVITY_MPS2 = 9.80665
 TAU_S = 0.08  # motor with speed controller, step response to 63 %
 DRIVE_MPS2 = 3.0  # most the motors can do
 BRAKE_MPS2 = 7.0  # shorted motors on rubber tyres: friction coefficient of about 0.7 times g
-TICKS_PER_M = 4000.0
+
 SLIP_NOISE_TAU_S = 0.5
 BURST_S = 0.3
 TABLE_SPEED_MPS = 0.6  # about what Table 3 drives: 7.5 m in 13.7 s
