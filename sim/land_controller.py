@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 from firmware_bridge.dialect import labr_land as wire
 from firmware_bridge.link import CONTROLLER, Link, Message, text_of
 from firmware_bridge.parameters import Parameters
+from firmware_bridge.pins import Inputs
 from labr_autonomy.clock import Clock
 from labr_autonomy.config import RobotConfig
 from sim import land_core as core
 from sim import land_wheels
-from sim.land_core import Inputs
 
 STATE_PERIOD_MS = 20
 HEARTBEAT_PERIOD_MS = 100

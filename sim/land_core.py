@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from firmware_bridge.dialect import labr_land as wire
 from firmware_bridge.parameters import Parameters
+from firmware_bridge.pins import Inputs
 
 COMMAND_MS = 200  # watchdog of a velocity command
 DEADLINE_SLACK_MS = 50  # a deadline further ahead than COMMAND_MS + this comes from a wrong clock
@@ -33,21 +34,6 @@ _LATCHED = (
     | wire.LAND_FAULT_OVERCURRENT
     | wire.LAND_FAULT_DRIVER
 )
-
-
-class Inputs(NamedTuple):
-    """What the controller's pins tell it."""
-
-    battery_v: float
-    current_a: float
-    wheel_load: bool  # suspension switches: the wheels carry the weight
-    rotors_possible: bool  # the rotors' supply is on
-    left_ticks: int
-    right_ticks: int
-    left_a: float = 0.0  # of each motor, positive while it pushes forward
-    right_a: float = 0.0
-    driver_fault: bool = False  # a motor driver says so
-    estop_pressed: bool = False  # the button on the robot
 
 
 class Command(NamedTuple):
@@ -244,7 +230,7 @@ def on_release(s: State, session: int, step: int, token: int, now_ms: int) -> tu
 def tick(s: State, i: Inputs, p: Parameters, now_ms: int, dt_s: float) -> State:
     """Advance by one period; `state.drive` is what the motors get. Call it at 250 Hz or faster."""
     s = _measure(s, i, p, now_ms)
-    if i.estop_pressed and not s.estop:
+    if i.estop_pressed:
         s = on_estop(s)
     s = _watch_computer(s, now_ms)
     s = _watch_wheels(s, i, p, now_ms)

@@ -6,10 +6,11 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable
 
+from firmware_bridge.pins import Inputs
 from labr_autonomy.clock import SystemClock, Ticker
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.ground.channel import GroundChannel
-from sim.land_controller import Inputs, LandController
+from sim.land_controller import LandController
 from sim.rover import Rover
 
 CONFIG = RobotConfig()
