@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 from firmware_bridge.dialect import labr_land as wire
 from firmware_bridge.link import CONTROLLER, Link, Message, text_of
 from firmware_bridge.parameters import Parameters
-from firmware_bridge.pins import Inputs
+from firmware_bridge.pins import Duty, Inputs
+from firmware_bridge.version import FIRMWARE
 from labr_autonomy.clock import Clock
 from labr_autonomy.config import RobotConfig
 from sim import land_core as core
@@ -28,7 +29,6 @@ STATE_PERIOD_MS = 20
 HEARTBEAT_PERIOD_MS = 100
 READ_BYTES = 4096
 STEP_MAX_S = 0.040  # a late step ramps no further than this
-FIRMWARE = (1, 0, 0)
 CLOCK_ERROR_PPM = 40.0  # crystal of the controller against the computer's
 U16, U32 = 0xFFFF, 0xFFFFFFFF
 
@@ -106,6 +106,12 @@ class LandController:
     def path(self) -> str:
         """Device path for the companion computer."""
         return str(self._link_path) if self._link_path is not None else self._slave_path
+
+    @property
+    def duty(self) -> Duty:
+        """What bare motors would get; the twin's own rover has motors with a speed controller."""
+        left, right = self.wheels
+        return Duty(left.duty, right.duty, self.state.drive.braked)
 
     def fileno(self) -> int:
         """Descriptor that becomes readable when the computer says something; -1 while unplugged."""

@@ -8,6 +8,7 @@ void land_host_free(land_controller *c);
 size_t land_host_take(land_controller *c, uint8_t *out, size_t room);
 void land_host_step(land_controller *c, const land_inputs *inputs, uint32_t now_ms, land_outputs *out);
 bool land_host_may_move(const land_controller *c);
+bool land_host_estop(const land_controller *c);
 bool land_host_feeds_watchdog(land_controller *c, uint32_t parts);
 bool land_host_keeps(const land_controller *c, int index, float value);
 void land_host_dump_coverage(void);
@@ -35,6 +36,11 @@ void land_host_step(land_controller *c, const land_inputs *inputs, uint32_t now_
 
 bool land_host_may_move(const land_controller *c) {
     return land_gate_may_move(&c->gate);
+}
+
+// What a port keeps over a reset.
+bool land_host_estop(const land_controller *c) {
+    return c->gate.estop;
 }
 
 // Report these parts and ask whether the watchdog may be fed.

@@ -30,6 +30,7 @@ void land_receive(land_controller *c, const uint8_t *bytes, size_t length, uint3
 void land_host_step(land_controller *c, const land_inputs *inputs, uint32_t now_ms, land_outputs *out);
 size_t land_host_take(land_controller *c, uint8_t *out, size_t room);
 bool land_host_may_move(const land_controller *c);
+bool land_host_estop(const land_controller *c);
 bool land_host_feeds_watchdog(land_controller *c, uint32_t parts);
 bool land_host_keeps(const land_controller *c, int index, float value);
 void land_host_dump_coverage(void);
@@ -126,6 +127,11 @@ class HostController:
     def may_move(self) -> bool:
         """Whether every condition for motion holds, the age of the command aside."""
         return bool(self._c.land_host_may_move(self._self))
+
+    @property
+    def estop(self) -> bool:
+        """Whether the emergency stop is latched; it outlives a reset."""
+        return bool(self._c.land_host_estop(self._self))
 
     def feeds_watchdog(self, parts: int) -> bool:
         """Report these parts as alive; whether the watchdog may be fed now."""

@@ -1,0 +1,53 @@
+"""The tiers of the land controller, and a table of what could not be tested here."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+from land_bench import Bench
+from land_tiers import HostTier, TwinTier
+
+from firmware_bridge import build
+from firmware_bridge.host.library import Library
+
+NEEDS = {"gcc": "gcc", "arm-none-eabi-gcc": build.CROSS_PACKAGES, "qemu-system-arm": "qemu-system-arm"}
+PREFIX = "firmware: "
+
+
+def need(*programs: str) -> None:
+    """Skip the test where a program is missing, with the package that brings it."""
+    missing = [p for p in programs if shutil.which(p) is None]
+    if missing:
+        packages = " ".join(NEEDS[p] for p in missing)
+        pytest.skip(f"{PREFIX}{', '.join(missing)} not installed; apt-get install {packages}")
+
+
+def pytest_terminal_summary(terminalreporter) -> None:
+    """Say which firmware tests did not run, and why; a quiet run shows no reasons otherwise."""
+    rows = {}
+    for report in terminalreporter.stats.get("skipped", []):
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        if PREFIX in reason:
+            reason = reason.split(PREFIX)[1]
+            rows[reason] = rows.get(reason, 0) + 1
+    if rows:
+        terminalreporter.section("firmware tests that did not run")
+        for reason, count in sorted(rows.items()):
+            terminalreporter.write_line(f"{count:4d}  {reason}")
+
+
+@pytest.fixture(scope="session")
+def library() -> Library:
+    need("gcc")
+    return Library()
+
+
+@pytest.fixture(params=["twin", "host"])
+def bench(request):
+    """The conformance suite's bench, once for each tier."""
+    tier = TwinTier() if request.param == "twin" else HostTier(request.getfixturevalue("library"))
+    try:
+        yield Bench(tier)
+    finally:
+        tier.close()
