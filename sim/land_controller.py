@@ -6,11 +6,6 @@ pulling the cable does; `reboot` what a reset does.
 
 from __future__ import annotations
 
-import contextlib
-import os
-import pty
-import termios
-import tty
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,10 +19,10 @@ from labr_autonomy.clock import Clock
 from labr_autonomy.config import RobotConfig
 from sim import land_core as core
 from sim import land_wheels
+from sim.terminal import Terminal
 
 STATE_PERIOD_MS = 20
 HEARTBEAT_PERIOD_MS = 100
-READ_BYTES = 4096
 STEP_MAX_S = 0.040  # a late step ramps no further than this
 CLOCK_ERROR_PPM = 40.0  # crystal of the controller against the computer's
 U16, U32 = 0xFFFF, 0xFFFFFFFF
@@ -56,8 +51,7 @@ class LandController:
         config: The robot; its limits become the firmware's parameters.
         clock: Tells when the controller boots; afterwards `step` tells the time.
         seed: For the serial number, the boot time and the error of its crystal.
-        link_path: Where to keep a symbolic link to the terminal, as udev does under /dev/serial/by-id, so
-            that the path survives unplugging.
+        link_path: See `Terminal`.
         protocol: Protocol version it claims; for tests of the handshake.
         dialect_hash: Dialect it claims; for tests of the handshake.
     """
@@ -87,9 +81,7 @@ class LandController:
         self._due_heartbeat_ms = 0
         self._inputs = Inputs(0.0, 0.0, False, True, 0, 0)
         self._link = Link(CONTROLLER)
-        self._link_path = link_path
-        self._master: int | None = None
-        self._slave_path = ""
+        self._terminal = Terminal(link_path)
         self._handlers: dict[int, Callable[[Any], None]] = {
             wire.MAVLINK_MSG_ID_LAND_HELLO: self._on_hello,
             wire.MAVLINK_MSG_ID_LAND_HEARTBEAT: self._on_heartbeat,
@@ -100,12 +92,11 @@ class LandController:
             wire.MAVLINK_MSG_ID_LAND_ESTOP_RELEASE: self._on_release,
             wire.MAVLINK_MSG_ID_LAND_TIMESYNC: self._on_timesync,
         }
-        self.replug()
 
     @property
     def path(self) -> str:
         """Device path for the companion computer."""
-        return str(self._link_path) if self._link_path is not None else self._slave_path
+        return self._terminal.path
 
     @property
     def duty(self) -> Duty:
@@ -115,7 +106,7 @@ class LandController:
 
     def fileno(self) -> int:
         """Descriptor that becomes readable when the computer says something; -1 while unplugged."""
-        return -1 if self._master is None else self._master
+        return self._terminal.fileno()
 
     def step(self, now_s: float, inputs: Inputs) -> WheelTargets:
         """Read the wire, decide, report. Call it at 250 Hz, with the rover advanced to `now_s` before."""
@@ -123,7 +114,7 @@ class LandController:
         dt_s = 0.0 if self._last_s is None else min(max(0.0, now_s - self._last_s), STEP_MAX_S)
         self._last_s = now_s
         self._inputs = inputs
-        for received in self._link.feed(self._read(), now_s):
+        for received in self._link.feed(self._terminal.read(), now_s):
             handler = self._handlers.get(received.message.get_msgId())
             if handler is not None:
                 handler(received.message)
@@ -146,27 +137,12 @@ class LandController:
 
     def unplug(self) -> None:
         """Pull the cable. The controller itself keeps its power."""
-        if self._master is not None:
-            os.close(self._master)
-            self._master = None
-        if self._link_path is not None:
-            self._link_path.unlink(missing_ok=True)
+        self._terminal.unplug()
 
     def replug(self) -> None:
         """Put the cable back; the kernel gives the terminal a new number."""
-        if self._master is not None:
-            return
-        self._master, slave = pty.openpty()
-        tty.setraw(slave, termios.TCSANOW)
-        self._slave_path = os.ttyname(slave)
-        os.close(slave)
-        os.set_blocking(self._master, False)
-        self._link.restart()
-        if self._link_path is not None:
-            fresh = self._link_path.with_name(self._link_path.name + ".new")
-            fresh.unlink(missing_ok=True)
-            fresh.symlink_to(self._slave_path)
-            fresh.replace(self._link_path)
+        if self._terminal.replug():
+            self._link.restart()
 
     def reboot(self, now_s: float) -> None:
         """Reset the processor; only the emergency stop and the boot count survive."""
@@ -187,24 +163,10 @@ class LandController:
     def _milliseconds(self, now_s: float) -> int:
         return int((now_s - self._boot_s) * self._rate * 1000.0) & U32
 
-    def _read(self) -> bytes:
-        if self._master is None:
-            return b""
-        try:
-            return os.read(self._master, READ_BYTES)
-        except BlockingIOError:
-            return b""
-        except OSError:  # EIO: nobody has the other side open
-            return b""
-
     def _send(self, message: Message) -> None:
         frame = self._link.encode(message)
-        if self._master is None:
-            return
-        with contextlib.suppress(OSError):
-            if os.write(self._master, frame) == len(frame):
-                return
-        self.dropped_frames += 1
+        if self._terminal.plugged and self._terminal.write(frame) < len(frame):
+            self.dropped_frames += 1
 
     def _report(self) -> None:
         if core.ahead(self._now_ms, self._due_state_ms, 32) >= 0:

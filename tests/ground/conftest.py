@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 from land_bench import Bench
-from land_tiers import HostTier, TwinTier
+from land_tiers import HostTier, QemuTier, TwinTier
 
 from firmware_bridge import build
 from firmware_bridge.host.library import Library
@@ -43,10 +43,19 @@ def library() -> Library:
     return Library()
 
 
-@pytest.fixture(params=["twin", "host"])
+def _tier(name: str, request):
+    if name == "twin":
+        return TwinTier()
+    if name == "host":
+        return HostTier(request.getfixturevalue("library"))
+    need("arm-none-eabi-gcc", "qemu-system-arm")
+    return QemuTier()
+
+
+@pytest.fixture(params=["twin", "host", pytest.param("qemu", marks=pytest.mark.sitl)])
 def bench(request):
     """The conformance suite's bench, once for each tier."""
-    tier = TwinTier() if request.param == "twin" else HostTier(request.getfixturevalue("library"))
+    tier = _tier(request.param, request)
     try:
         yield Bench(tier)
     finally:

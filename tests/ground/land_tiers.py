@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import select
 
+from firmware_bridge import build
 from firmware_bridge.host.library import HostController, Library
 from firmware_bridge.pins import Duty, Inputs
 from firmware_bridge.port import SerialPort
+from labr_autonomy.clock import SystemClock, pause_s
 from labr_autonomy.config import RobotConfig
+from sim.firmware.plant_wire import DriveReader, pins_frame
+from sim.firmware.qemu import Qemu
 from sim.land_controller import LandController
 
 CONFIG = RobotConfig()
@@ -106,3 +111,51 @@ class HostTier:
 
     def close(self) -> None:
         self.controller.close()
+
+
+class QemuTier:
+    """The image for the STM32 in QEMU, in real time; its sockets are read and written directly."""
+
+    name = "qemu"
+    exact = False
+
+    def __init__(self) -> None:
+        self.clock = SystemClock()
+        self.machine = Qemu(build.image().elf)
+        self.reader = DriveReader()
+        self.duty = Duty()
+        self.last_s = self.clock.now_s()
+        self.due_s = self.last_s
+
+    def now_s(self) -> float:
+        return self.clock.now_s()
+
+    def advance(self) -> float:
+        """Wait for the next step; how long it is since the last one [s]."""
+        self.due_s = max(self.due_s + DT, self.clock.now_s())
+        pause_s(self.due_s - self.clock.now_s())
+        now_s = self.clock.now_s()
+        dt, self.last_s = now_s - self.last_s, now_s
+        return dt
+
+    def write(self, data: bytes) -> None:
+        self.machine.link.sendall(data)
+
+    def step(self, inputs: Inputs) -> Duty:
+        with contextlib.suppress(BlockingIOError):
+            self.machine.plant.send(pins_frame(inputs, int(self.last_s * 1000.0)))
+        with contextlib.suppress(BlockingIOError):
+            self.duty = self.reader.feed(self.machine.plant.recv(65536)) or self.duty
+        return self.duty
+
+    def read(self) -> bytes:
+        with contextlib.suppress(BlockingIOError):
+            return self.machine.link.recv(65536)
+        return b""
+
+    def reset(self) -> None:
+        self.machine.reset()
+        self.duty = Duty()
+
+    def close(self) -> None:
+        self.machine.close()

@@ -150,7 +150,9 @@ def test_a_command_is_refused_with_its_reason(bench, name):
     bench.engage()
     changes = dict(changes)
     if "deadline_ms" in changes:
-        changes["deadline_ms"] += bench.map.controller_ms(bench.tier.now_s())
+        changes["deadline_ms"] = (
+            changes["deadline_ms"] + bench.map.controller_ms(bench.tier.now_s())
+        ) % 2**32
     accepted = bench.state.cmd_seq
     bench.beat()
     assert bench.refusal(bench.velocity(**({"v": 0.3} | options), **changes)) == result
@@ -312,8 +314,11 @@ def test_the_button_stops_and_no_release_counts_while_it_is_pressed(bench):
     bench.run(0.1)
     assert release(bench, 2, token).result == wire.LAND_RESULT_UNKNOWN
     bench.pins = {}
-    bench.run(0.1)
-    assert release(bench, 2, release(bench, 1).token).result == OK
+    for _ in range(10):  # the pin is read some time after it was let go
+        bench.run(0.1)
+        if release(bench, 2, release(bench, 1).token).result == OK:
+            return
+    raise AssertionError("not released")
 
 
 def test_a_reset_ends_the_session_but_not_the_emergency_stop(bench):
