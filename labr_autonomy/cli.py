@@ -43,6 +43,12 @@ _robot = click.option(
 _robot_body = click.option(
     "--robot", type=_file, metavar="FILE", help="robot.yaml with other masses and limits."
 )
+_ground = click.option(
+    "--ground",
+    type=click.Choice(["twin", "qemu"]),
+    default="twin",
+    help="Land controller of the simulator: its twin in Python, or the STM32's firmware in QEMU.",
+)
 
 
 class Commands(click.Group):
@@ -91,6 +97,7 @@ def main() -> None:
 @_worlds
 @_out
 @_json
+@_ground
 @click.option("--quiet", is_flag=True, help="No live line.")
 def fly(
     mission: Path,
@@ -99,6 +106,7 @@ def fly(
     worlds: Path | None,
     out: Path | None,
     as_json: bool,
+    ground: str,
     quiet: bool,
 ) -> None:
     """Carry out MISSION; without --robot in the simulator.
@@ -106,6 +114,8 @@ def fly(
     Ctrl-C once holds the robot where it is, twice brings it down and stops.
     """
     _must_exist(mission)
+    if robot is not None and ground != "twin":
+        raise BadInput("--ground is of the simulator", "Leave it out, or leave --robot out")
     from labr_autonomy.mission.executive import fly as carry_out
 
     code = carry_out(
@@ -116,6 +126,7 @@ def fly(
         out_dir=out,
         json_output=as_json,
         quiet=quiet,
+        ground=ground,
     )
     click.get_current_context().exit(int(code))
 
@@ -173,6 +184,7 @@ def check(
 @_seed
 @_worlds
 @_out
+@_ground
 @click.option("--family", metavar="F", help="A family of worlds: fly one trial of the benchmark in it.")
 @click.option("--world", type=_file, metavar="FILE.yaml", help="A mesh world: fly one trial in it.")
 @click.option(
@@ -188,6 +200,7 @@ def sim(
     seed: int | None,
     worlds: Path | None,
     out: Path | None,
+    ground: str,
     family: str | None,
     world: Path | None,
     method: str | None,
@@ -204,6 +217,8 @@ def sim(
     if sum(given is not None for given in (mission, family, world)) != 1:
         raise BadInput("sim takes one of MISSION, --family and --world", "Name exactly one of them")
     if mission is None:
+        if ground != "twin":
+            raise BadInput("--ground is of a MISSION; a trial is flown in lock-step", "Leave it out")
         from labr_autonomy.commands.replay import replay
 
         replay(
@@ -220,11 +235,16 @@ def sim(
         return
     if method is not None or difficulty is not None or show:
         raise BadInput("--method, --difficulty and --show are of a trial", "Name its --family or --world")
-    _serve_simulator(mission, robot, seed, worlds, out)
+    _serve_simulator(mission, robot, seed, worlds, out, ground)
 
 
 def _serve_simulator(
-    mission: Path, robot: Path | None, seed: int | None, worlds: Path | None, out: Path | None
+    mission: Path,
+    robot: Path | None,
+    seed: int | None,
+    worlds: Path | None,
+    out: Path | None,
+    ground: str,
 ) -> None:
     from labr_autonomy.config import RobotConfig
     from labr_autonomy.mission.load import load_mission, load_robot
@@ -234,7 +254,7 @@ def _serve_simulator(
     loaded = load_mission(mission)
     vehicle = RobotConfig() if robot is None else load_robot(robot)
     used_seed = seed if seed is not None else loaded.sim.seed if loaded.sim else 0
-    spec = simulator_spec(loaded, vehicle, used_seed, worlds, die_with_parent=False)
+    spec = simulator_spec(loaded, vehicle, used_seed, worlds, die_with_parent=False, ground=ground)
     folder = make_run_folder(f"sim-{loaded.name}", out)
     spec_path = folder / "simulator.json"
     spec_path.write_text(json.dumps(spec, indent=1), encoding="utf-8")

@@ -66,6 +66,7 @@ def fly(
     out_dir: Path | None,
     json_output: bool,
     quiet: bool,
+    ground: str = "twin",
 ) -> int:
     """Carry out a mission and leave a run folder.
 
@@ -77,6 +78,7 @@ def fly(
         out_dir: Where run folders are made.
         json_output: Print summary.json to standard output at the end.
         quiet: No live line.
+        ground: Land controller of the simulator: "twin", or "qemu" for the firmware in an emulator.
 
     Returns:
         Exit code (`labr_autonomy.errors.ExitCode`).
@@ -94,7 +96,7 @@ def fly(
             if robot_path is not None:
                 summary = asyncio.run(_flight(mission, robot, run_dir, None, line))
             else:
-                summary = _simulated(mission, robot, run_dir, used_seed or 0, worlds_dir, line)
+                summary = _simulated(mission, robot, run_dir, used_seed or 0, worlds_dir, line, ground)
         except LabrError as error:  # nothing has moved
             _leave(summarise.unmoved(mission.name, "refused", error.what, used_seed), run_dir, line)
             raise
@@ -124,11 +126,17 @@ def _leave(summary: Summary, run_dir: Path, line: LiveLine) -> None:
 
 
 def _simulated(
-    mission: Mission, robot: RobotConfig, run_dir: Path, seed: int, worlds_dir: Path | None, line: LiveLine
+    mission: Mission,
+    robot: RobotConfig,
+    run_dir: Path,
+    seed: int,
+    worlds_dir: Path | None,
+    line: LiveLine,
+    ground: str,
 ) -> Summary:
     """Fly in a simulator of its own, judged by its referee."""
     line.say("simulator: building the world and starting the camera")
-    with SimulatorProcess(mission, robot, seed, worlds_dir, run_dir) as simulator:
+    with SimulatorProcess(mission, robot, seed, worlds_dir, run_dir, ground=ground) as simulator:
         refuse(check_mission(mission, robot, clearance_at=simulator.clearance_at))
         flown = asyncio.run(_flight(mission, load_robot(simulator.robot_path), run_dir, seed, line))
     return summarise.with_truth(flown, run_dir)

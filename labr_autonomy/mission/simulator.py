@@ -29,15 +29,24 @@ class SimulatorProcess:
         seed: Of world and noise.
         worlds_dir: Folder with mesh worlds.
         folder: Where it leaves robot.yaml, its logs and the truth.
+        ground: Land controller: "twin", or "qemu" for the firmware in an emulator.
     """
 
     def __init__(
-        self, mission: Mission, robot: RobotConfig, seed: int, worlds_dir: Path | None, folder: Path
+        self,
+        mission: Mission,
+        robot: RobotConfig,
+        seed: int,
+        worlds_dir: Path | None,
+        folder: Path,
+        *,
+        ground: str = "twin",
     ) -> None:
         self._folder = folder
         self._asked = goal_places(mission, robot)
         self._spec_path = folder / "simulator.json"
-        self._spec_path.write_text(json.dumps(simulator_spec(mission, robot, seed, worlds_dir), indent=1))
+        spec = simulator_spec(mission, robot, seed, worlds_dir, ground=ground)
+        self._spec_path.write_text(json.dumps(spec, indent=1))
         self._process: subprocess.Popen[str] | None = None
         self._answer: dict[str, Any] = {}
 
@@ -115,7 +124,13 @@ class SimulatorProcess:
 
 
 def simulator_spec(
-    mission: Mission, robot: RobotConfig, seed: int, worlds_dir: Path | None, *, die_with_parent: bool = True
+    mission: Mission,
+    robot: RobotConfig,
+    seed: int,
+    worlds_dir: Path | None,
+    *,
+    die_with_parent: bool = True,
+    ground: str = "twin",
 ) -> dict[str, Any]:
     """What the simulator is told, JSON-ready (`sim.spec.SimSpec`).
 
@@ -137,5 +152,6 @@ def simulator_spec(
         "worlds_dir": str(worlds_dir) if worlds_dir is not None else None,
         "robot": robot.model_dump(mode="json"),
         "die_with_parent": die_with_parent,
+        "ground": ground,
         "disturbances": disturbances.spec() if disturbances is not None else None,
     }

@@ -493,6 +493,7 @@ def test_noise_turns_no_wheel_and_at_most_one_good_frame_is_lost_after_it(bench)
             assert (bench.state.rx_good - before) % 65536 >= 1
     assert bench.moved_s < 0.0
     assert bench.state.rx_bad < 65535
+    bench.engage()  # there were no heartbeats meanwhile
     bench.drive_until(lambda: not bench.duty.braked, "driving after the noise")
 
 
