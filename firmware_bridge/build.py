@@ -38,7 +38,7 @@ CROSS_PACKAGES = "gcc-arm-none-eabi libnewlib-arm-none-eabi"
 WARNINGS = ("-std=c11", "-Wall", "-Wextra", "-Werror", "-Wshadow", "-Wconversion", "-Wdouble-promotion")
 SANITIZE = ("-fsanitize=undefined", "-fno-sanitize-recover=all")
 ADDRESS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-COVERAGE = ("--coverage", "-fprofile-update=atomic", "-DLAND_COVERAGE")
+COVERAGE = ("--coverage", "-fprofile-update=atomic")
 TARGET = (
     "-mcpu=cortex-m4",
     "-mthumb",

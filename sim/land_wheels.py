@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from firmware_bridge.parameters import Parameters
 
+STANDS_MPS = 5e-4  # a slower target is none
 STILL_MPS = 0.02  # slower than this a wheel that is to stand gets no duty
 YIELD_PER_AS = 4.0  # share of the duty given up for an ampere too much during a second
 RECOVER_PER_S = 2.0  # share of the duty won back in a second
@@ -40,7 +41,7 @@ def step(
         ceiling = max(0.0, min(w.ceiling, abs(w.duty)) - YIELD_PER_AS * excess_a * dt_s)
     else:
         ceiling = min(1.0, w.ceiling + RECOVER_PER_S * dt_s)
-    if target_mps == 0.0 and abs(measured_mps) < STILL_MPS:
+    if abs(target_mps) < STANDS_MPS and abs(measured_mps) < STILL_MPS:
         return Wheel(0.0, 0.0, ceiling)
     error = target_mps - measured_mps
     integral = w.integral + p.gain_i * error * dt_s

@@ -73,15 +73,11 @@ static uint8_t write_param(land_controller *c, const mavlink_land_param_write_t 
     if (c->gate.engaged) {
         return LAND_RESULT_BUSY;
     }
-    switch (land_params_write(&c->params, m->name, m->value)) {
-    case LAND_PARAM_NO_SUCH:
+    const land_param_result written = land_params_write(&c->params, m->name, m->value);
+    if (written == LAND_PARAM_NO_SUCH) {
         return LAND_RESULT_UNKNOWN;
-    case LAND_PARAM_OUT_OF_RANGE:
-        return LAND_RESULT_RANGE;
-    case LAND_PARAM_DONE:
-    default:
-        return LAND_RESULT_OK;
     }
+    return written == LAND_PARAM_OUT_OF_RANGE ? LAND_RESULT_RANGE : LAND_RESULT_OK;
 }
 
 static void on_param_write(land_controller *c, const mavlink_message_t *message) {

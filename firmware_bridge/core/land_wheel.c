@@ -17,7 +17,7 @@ static float ceiling_after(const land_wheel *w, float current_a, const land_para
 void land_wheel_step(
     land_wheel *w, float target_mps, float measured_mps, float current_a, const land_params *p, float dt_s) {
     w->ceiling = ceiling_after(w, current_a, p, dt_s);
-    if (target_mps == 0.0f && fabsf(measured_mps) < LAND_STILL_MPS) {
+    if (fabsf(target_mps) < LAND_STANDS_MPS && fabsf(measured_mps) < LAND_STILL_MPS) {
         w->duty = w->integral = 0.0f;
         return;
     }

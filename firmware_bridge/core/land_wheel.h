@@ -3,6 +3,7 @@
 
 #include "land_params.h"
 
+#define LAND_STANDS_MPS 5e-4f       // a slower target is none
 #define LAND_STILL_MPS 0.02f       // slower than this a wheel that is to stand gets no duty
 #define LAND_YIELD_PER_AS 4.0f     // share of the duty given up for an ampere too much during a second
 #define LAND_RECOVER_PER_S 2.0f    // share of the duty won back in a second

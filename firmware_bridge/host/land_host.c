@@ -11,7 +11,6 @@ bool land_host_may_move(const land_controller *c);
 bool land_host_estop(const land_controller *c);
 bool land_host_feeds_watchdog(land_controller *c, uint32_t parts);
 bool land_host_keeps(const land_controller *c, int index, float value);
-void land_host_dump_coverage(void);
 
 land_controller *land_host_boot(uint32_t boot_count, bool estop, uint8_t reset_cause, const char *serial) {
     land_controller *c = malloc(sizeof *c);
@@ -54,14 +53,4 @@ bool land_host_keeps(const land_controller *c, int index, float value) {
     land_params kept = c->params;
     ((float *)&kept)[index] = value;
     return land_params_sound(&kept);
-}
-
-#ifdef LAND_COVERAGE
-void __gcov_dump(void);
-#endif
-
-void land_host_dump_coverage(void) {
-#ifdef LAND_COVERAGE
-    __gcov_dump();
-#endif
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -12,6 +13,9 @@ from firmware_bridge.pins import Duty, Inputs
 
 SERIAL = "484F5354" + "0" * 16  # "HOST"
 ROOM = 4096
+LIBRARY_VARIABLE = (
+    "LABR_HOST_LIBRARY"  # path of a library that is loaded instead: counted, or with a mutation
+)
 
 _DECLARATIONS = """
 typedef struct {
@@ -33,7 +37,6 @@ bool land_host_may_move(const land_controller *c);
 bool land_host_estop(const land_controller *c);
 bool land_host_feeds_watchdog(land_controller *c, uint32_t parts);
 bool land_host_keeps(const land_controller *c, int index, float value);
-void land_host_dump_coverage(void);
 """
 
 
@@ -55,7 +58,7 @@ class Library:
     """The loaded library.
 
     Args:
-        path: Of the shared object, `firmware_bridge.build.host_library` by default.
+        path: Of the shared object; by default what LABR_HOST_LIBRARY names, or `build.host_library`.
 
     Raises:
         Refused: There is no gcc to build it.
@@ -63,7 +66,8 @@ class Library:
 
     def __init__(self, path: Path | None = None) -> None:
         self.ffi = _ffi()
-        self.c = self.ffi.dlopen(str(path or build.host_library()))
+        named = os.environ.get(LIBRARY_VARIABLE)
+        self.c = self.ffi.dlopen(str(path or named or build.host_library()))
 
 
 class HostController:

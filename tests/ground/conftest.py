@@ -2,25 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
-
 import pytest
+from firmware_needs import PREFIX, need
 from land_bench import Bench
 from land_tiers import HostTier, QemuTier, TwinTier
 
-from firmware_bridge import build
 from firmware_bridge.host.library import Library
-
-NEEDS = {"gcc": "gcc", "arm-none-eabi-gcc": build.CROSS_PACKAGES, "qemu-system-arm": "qemu-system-arm"}
-PREFIX = "firmware: "
-
-
-def need(*programs: str) -> None:
-    """Skip the test where a program is missing, with the package that brings it."""
-    missing = [p for p in programs if shutil.which(p) is None]
-    if missing:
-        packages = " ".join(NEEDS[p] for p in missing)
-        pytest.skip(f"{PREFIX}{', '.join(missing)} not installed; apt-get install {packages}")
 
 
 def pytest_terminal_summary(terminalreporter) -> None:
