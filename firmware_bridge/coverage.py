@@ -19,12 +19,8 @@ from firmware_bridge.host.library import LIBRARY_VARIABLE
 from labr_autonomy.errors import ExitCode, LabrError
 
 TESTS = build.HERE.parent / "tests" / "ground"
-SELECTED = [
-    str(TESTS / "test_conformance.py"),
-    str(TESTS / "test_core_in_c.py"),
-    "-k",
-    "not qemu and not twin",
-]
+FILES = ("test_conformance.py", "test_core_in_c.py", "test_core_corners.py")
+SELECTED = [*(str(TESTS / name) for name in FILES), "-k", "not qemu and not twin"]
 
 
 @dataclass(slots=True)

@@ -1,14 +1,15 @@
 // The controller as a library on this computer: what tests need beside the core's own functions.
 #include <stdlib.h>
+#include <string.h>
 
 #include "land_controller.h"
 
 land_controller *land_host_boot(uint32_t boot_count, bool estop, uint8_t reset_cause, const char *serial);
+void land_host_reset(land_controller *c, uint8_t reset_cause);
 void land_host_free(land_controller *c);
 size_t land_host_take(land_controller *c, uint8_t *out, size_t room);
 void land_host_step(land_controller *c, const land_inputs *inputs, uint32_t now_ms, land_outputs *out);
-bool land_host_may_move(const land_controller *c);
-bool land_host_estop(const land_controller *c);
+bool land_host_would_move(const bool *holds);
 bool land_host_feeds_watchdog(land_controller *c, uint32_t parts);
 bool land_host_keeps(const land_controller *c, int index, float value);
 
@@ -19,6 +20,15 @@ land_controller *land_host_boot(uint32_t boot_count, bool estop, uint8_t reset_c
         land_init(c, &boot);
     }
     return c;
+}
+
+// What a reset leaves: boot count, emergency stop, parameters.
+void land_host_reset(land_controller *c, uint8_t reset_cause) {
+    const land_params kept = c->params;
+    char serial[LAND_SERIAL_BYTES];
+    memcpy(serial, c->serial, sizeof serial);
+    const land_boot boot = {c->gate.boot_count + 1, c->gate.estop, reset_cause, serial, &kept};
+    land_init(c, &boot);
 }
 
 void land_host_free(land_controller *c) {
@@ -33,13 +43,20 @@ void land_host_step(land_controller *c, const land_inputs *inputs, uint32_t now_
     *out = land_step(c, inputs, now_ms);
 }
 
-bool land_host_may_move(const land_controller *c) {
-    return land_gate_may_move(&c->gate);
-}
-
-// What a port keeps over a reset.
-bool land_host_estop(const land_controller *c) {
-    return c->gate.estop;
+// Whether a gate moves for which these conditions hold: session, engaged, command, no emergency stop, no air
+// lock, load, rotors off, no latched fault.
+bool land_host_would_move(const bool *holds) {
+    const land_gate g = {
+        .session = holds[0],
+        .engaged = holds[1],
+        .moving = holds[2],
+        .estop = !holds[3],
+        .air_lock = !holds[4],
+        .wheel_load = holds[5],
+        .rotors = !holds[6],
+        .faults = holds[7] ? 0 : LAND_FAULT_WHEEL_STALL,
+    };
+    return land_gate_may_move(&g);
 }
 
 // Report these parts and ask whether the watchdog may be fed.

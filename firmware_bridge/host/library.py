@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -29,12 +30,13 @@ typedef struct land_controller land_controller;
 typedef struct { float duty, integral, ceiling; } land_wheel;
 
 land_controller *land_host_boot(uint32_t boot_count, bool estop, uint8_t reset_cause, const char *serial);
+void land_host_reset(land_controller *c, uint8_t reset_cause);
 void land_host_free(land_controller *c);
 void land_receive(land_controller *c, const uint8_t *bytes, size_t length, uint32_t now_ms);
 void land_host_step(land_controller *c, const land_inputs *inputs, uint32_t now_ms, land_outputs *out);
 size_t land_host_take(land_controller *c, uint8_t *out, size_t room);
-bool land_host_may_move(const land_controller *c);
-bool land_host_estop(const land_controller *c);
+bool land_host_would_move(const bool *holds);
+void land_report_log(land_controller *c, uint8_t severity, const char *text);
 bool land_host_feeds_watchdog(land_controller *c, uint32_t parts);
 bool land_host_keeps(const land_controller *c, int index, float value);
 """
@@ -67,7 +69,11 @@ class Library:
     def __init__(self, path: Path | None = None) -> None:
         self.ffi = _ffi()
         named = os.environ.get(LIBRARY_VARIABLE)
-        self.c = self.ffi.dlopen(str(path or named or build.host_library()))
+        self.c: Any = self.ffi.dlopen(str(path or named or build.host_library()))
+
+    def would_move(self, conditions: Sequence[bool]) -> bool:
+        """Whether the gate lets wheels turn when of its eight conditions these hold (see land_host.c)."""
+        return bool(self.c.land_host_would_move(self.ffi.new("bool[8]", list(conditions))))
 
 
 class HostController:
@@ -122,20 +128,18 @@ class HostController:
         o = self._outputs
         return Duty(o.left_duty, o.right_duty, o.braked)
 
-    def take(self) -> bytes:
-        """Bytes for the computer."""
-        count = self._c.land_host_take(self._self, self._room, ROOM)
+    def take(self, room: int = ROOM) -> bytes:
+        """At most `room` bytes for the computer."""
+        count = self._c.land_host_take(self._self, self._room, room)
         return bytes(self._ffi.buffer(self._room, count))
 
-    @property
-    def may_move(self) -> bool:
-        """Whether every condition for motion holds, the age of the command aside."""
-        return bool(self._c.land_host_may_move(self._self))
+    def reset(self, reset_cause: int = 0) -> None:
+        """What the reset pin does; boot count, emergency stop and parameters are kept."""
+        self._c.land_host_reset(self._self, reset_cause)
 
-    @property
-    def estop(self) -> bool:
-        """Whether the emergency stop is latched; it outlives a reset."""
-        return bool(self._c.land_host_estop(self._self))
+    def log(self, severity: int, text: str) -> None:
+        """Let it say something."""
+        self._c.land_report_log(self._self, severity, text.encode())
 
     def feeds_watchdog(self, parts: int) -> bool:
         """Report these parts as alive; whether the watchdog may be fed now."""

@@ -80,7 +80,6 @@ class HostTier:
         self.library = library
         self.clock = SimulatedClock()
         self.boot_s = self.clock.time_s - 1.03
-        self.boots, self.estop = 1, False
         self.controller = HostController(library)
 
     def now_s(self) -> float:
@@ -103,11 +102,8 @@ class HostTier:
         return self.controller.take()
 
     def reset(self) -> None:
-        estop = self.controller.estop
-        self.controller.close()
-        self.boots += 1
+        self.controller.reset()
         self.boot_s = self.clock.time_s
-        self.controller = HostController(self.library, self.boots, estop=estop)
 
     def close(self) -> None:
         self.controller.close()

@@ -456,6 +456,16 @@ def test_a_parameter_is_written_and_used(bench):
     assert write(bench, b"track", 0.3) == wire.LAND_RESULT_BUSY
 
 
+def test_parameters_outlive_a_reset(bench):
+    bench.hello()
+    assert write(bench, b"track", 0.45) == OK
+    bench.run(0.1)
+    bench.tier.reset()
+    bench.map.reset()
+    bench.hello(nonce=2)
+    assert read(bench, 0, b"track").value == pytest.approx(0.45)
+
+
 def test_a_parameter_is_refused_with_its_reason(bench):
     bench.hello()
     assert write(bench, b"colour", 1.0) == wire.LAND_RESULT_UNKNOWN

@@ -1,0 +1,226 @@
+"""Corners of the C core that no wire and no robot reaches by itself, or only after hours."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from firmware_bridge.dialect import labr_land as wire
+from firmware_bridge.host.library import HostController
+from firmware_bridge.link import COMPUTER, Link
+from firmware_bridge.pins import Inputs
+
+GROUND = Inputs(18.5, 2.0, True, False, 0, 0)
+HELLO = wire.MAVLink_land_hello_message(1, wire.DIALECT_HASH, wire.PROTOCOL)
+
+
+class Core:
+    """A C core in this process with a computer's ear."""
+
+    def __init__(self, library) -> None:
+        self.core = HostController(library)
+        self.mouth, self.ear = Link(COMPUTER), Link(COMPUTER)
+        self.now, self.session, self.sequence = 1000, 0, 0
+
+    def say(self, message) -> None:
+        self.raw(self.mouth.encode(message))
+
+    def raw(self, data: bytes) -> None:
+        self.core.receive(data, self.now)
+
+    def step(self, ms: int = 4, pins: Inputs = GROUND, sampled_ms: int | None = None) -> list:
+        self.now += ms
+        self.duty = self.core.step(pins, self.now, sampled_ms)
+        return [r.message for r in self.ear.feed(self.core.take(), 1e-3 * self.now)]
+
+    def state(self):
+        """The newest telemetry, made now."""
+        return [m for m in self.step(20) if m.get_type() == "LAND_STATE"][-1]
+
+    def hello(self) -> None:
+        self.say(HELLO)
+        self.session = next(m.session for m in self.step() if m.get_type() == "LAND_IDENTITY")
+
+    def velocity(self, v: int = 0, flags: int = 0) -> None:
+        self.sequence += 1
+        deadline = (self.now + 200) % 2**32
+        self.say(wire.MAVLink_land_velocity_message(self.session, deadline, v, 0, self.sequence, flags))
+
+    def engage(self) -> None:
+        self.hello()
+        self.velocity()
+        self.velocity(300, 1)
+        self.step()
+        assert not self.duty.braked
+
+
+@pytest.fixture
+def core(library):
+    c = Core(library)
+    yield c
+    c.core.close()
+
+
+def test_motion_only_if_every_condition_holds(library):
+    assert [all(c) for c in itertools.product((True, False), repeat=8)] == [
+        library.would_move(c) for c in itertools.product((True, False), repeat=8)
+    ]
+
+
+def edited(frame: bytes, at: int, value: int) -> bytes:
+    damaged = bytearray(frame)
+    damaged[at] = value
+    return bytes(damaged)
+
+
+@pytest.mark.parametrize(
+    ("at", "value"),
+    [(1, 0), (1, 3), (2, 1), (8, 0), (-1, None), (-2, None)],
+    ids=["no payload", "longer than its message", "signed", "unknown message", "checksum", "checksum low"],
+)
+def test_a_frame_that_cannot_be_one_is_skipped_and_the_next_is_found(core, at, value):
+    core.hello()
+    frame = core.mouth.encode(wire.MAVLink_land_estop_message(7))
+    core.raw(edited(frame, at, frame[at] ^ 0x55 if value is None else value))
+    assert core.state().mode == wire.LAND_MODE_IDLE
+    core.say(wire.MAVLink_land_estop_message(8))
+    assert core.state().mode == wire.LAND_MODE_ESTOP
+
+
+def test_a_frame_behind_a_false_start_counts_after_an_idle_gap(core):
+    core.hello()
+    stop = core.mouth.encode(wire.MAVLink_land_estop_message(7))
+    log = core.mouth.encode(wire.MAVLink_land_log_message(1, 1, b"x" * 50))
+    core.raw(log[:12] + stop)  # waits for the rest of the long one
+    assert core.state().mode == wire.LAND_MODE_IDLE
+    core.now += 20
+    core.raw(b"\x00")
+    assert core.state().mode == wire.LAND_MODE_ESTOP
+
+
+def test_the_gap_counts_from_20_ms_on(core):
+    for gap, mode in ((19, wire.LAND_MODE_IDLE), (20, wire.LAND_MODE_ESTOP)):
+        core.hello()
+        frame = core.mouth.encode(wire.MAVLink_land_log_message(1, 1, b"x" * 50))
+        core.raw(frame[:12] + core.mouth.encode(wire.MAVLink_land_estop_message(7)))
+        core.now += gap
+        core.raw(b"\x00")
+        assert core.state().mode == mode
+        core.raw(b"\x00" * 80)
+
+
+def test_frames_of_another_system_are_not_obeyed(core):
+    core.hello()
+    from firmware_bridge.dialect.labr_land import MAVLink
+
+    stranger = MAVLink(None, srcSystem=2, srcComponent=COMPUTER)
+    core.raw(wire.MAVLink_land_estop_message(1).pack(stranger))
+    assert core.state().mode == wire.LAND_MODE_IDLE
+
+
+def test_what_only_a_controller_says_is_not_answered(core):
+    core.hello()
+    core.step(20)
+    core.say(wire.MAVLink_land_ack_message(0, 1, 2, 0))
+    assert core.step(1) == []
+
+
+def test_bytes_are_given_in_pieces(core):
+    core.hello()
+    core.core.step(GROUND, core.now + 20)
+    pieces = []
+    while piece := core.core.take(5):
+        pieces.append(piece)
+    assert {len(p) for p in pieces[:-1]} == {5}
+    assert [r.message.get_type() for r in core.ear.feed(b"".join(pieces), 9.0)] == ["LAND_STATE"]
+
+
+def test_a_token_lives_for_five_seconds(core):
+    for wait_ms, result in ((4990, wire.LAND_RESULT_OK), (5010, wire.LAND_RESULT_UNKNOWN)):
+        core.say(wire.MAVLink_land_estop_message(1))
+        core.hello()
+        core.say(wire.MAVLink_land_estop_release_message(core.session, 0, 1, 1))
+        token = next(m.token for m in core.step() if m.get_type() == "LAND_ACK" and m.token)
+        core.step(wait_ms)
+        core.say(wire.MAVLink_land_estop_release_message(core.session, token, 2, 2))
+        assert next(m.result for m in core.step() if m.get_type() == "LAND_ACK") == result
+    core.say(wire.MAVLink_land_estop_release_message(core.session, 0, 3, 1))
+    assert next(m.token for m in core.step() if m.get_type() == "LAND_ACK") not in (0, token)
+
+
+def test_the_age_of_a_command_stops_at_its_field(core):
+    core.engage()
+    assert core.state().command_age < 100
+    core.step(65_400)
+    core.step(84)
+    assert core.state().command_age == 65_528
+    core.step(20_000)
+    assert core.state().command_age == 65_534
+
+
+def test_time_that_wraps_stops_nothing_and_starts_nothing(core):
+    core.now = 2**32 - 150
+    core.engage()
+    for _ in range(30):
+        core.step(4)
+    assert not core.duty.braked
+    for _ in range(30):
+        core.step(4)
+    assert core.duty.braked
+
+
+def test_old_stamps_do_not_look_fresh_when_the_counter_wraps(core):
+    """24.9 days without a word: half the counter's range, where its differences change their sign."""
+    core.engage()
+    core.step(1500)
+    core.step(2**31)
+    core.step(1000)
+    core.velocity(300, 1)
+    core.step()
+    assert core.duty.braked
+
+
+def test_a_sample_at_the_same_time_replaces_the_last_and_many_do_no_harm(core):
+    core.hello()
+    for k in range(60):  # a clock that goes back, as no port has
+        core.step(1, GROUND._replace(left_ticks=k), sampled_ms=5000 - k)
+    for k in range(200):
+        core.step(1, GROUND._replace(left_ticks=4 * k, right_ticks=-4 * k), sampled_ms=6000 + k)
+        core.step(0, GROUND._replace(left_ticks=4 * k, right_ticks=-4 * k), sampled_ms=6000 + k)
+    core.now = 7000
+    state = [m for m in core.step(0, GROUND, sampled_ms=6200) if m.get_type() == "LAND_STATE"]
+    assert not state or state[-1].v == 0
+
+
+def test_speed_is_measured_over_40_ms_and_ticks_wrap(core):
+    core.hello()
+    for k in range(100):
+        ticks = 2**31 - 100 + 8 * k
+        core.step(4, GROUND._replace(left_ticks=ticks, right_ticks=-ticks))
+    turn = 1000 * -2 * 0.5 / 0.3
+    pins = GROUND._replace(left_ticks=ticks + 40, right_ticks=-ticks - 40)
+    state = next(m for m in core.step(20, pins) if m.get_type() == "LAND_STATE")
+    assert state.v == 0
+    assert state.w == pytest.approx(turn, abs=2)
+
+
+def test_a_long_line_is_cut(core):
+    core.core.log(wire.LAND_SEVERITY_ERROR, "x" * 80)
+    (line,) = [m for m in core.step() if m.get_type() == "LAND_LOG"]
+    assert line.text == "x" * 50
+    assert line.severity == wire.LAND_SEVERITY_ERROR
+
+
+def test_reports_that_were_missed_are_skipped(core):
+    core.step(4)
+    assert [m.get_type() for m in core.step(1004)].count("LAND_STATE") == 1
+    assert "LAND_STATE" not in [m.get_type() for m in core.step(4)]
+
+
+def test_extremes_of_the_pins_do_not_leave_their_fields(core):
+    wild = Inputs(1e9, -5.0, True, False, 2**40, -(2**40), left_a=1e9, right_a=-1e9)
+    core.hello()
+    state = next(m for m in core.step(20, wild) if m.get_type() == "LAND_STATE")
+    assert (state.battery_mv, state.current_ma) == (65535, 0)
+    assert (state.current_left, state.current_right) == (32767, -32768)
