@@ -132,6 +132,8 @@ class Simulator:
         reader = await asyncio.to_thread(FrameReader, self.robot.links.depth, CAMERA_TIMEOUT_S)
         reader.close()
         await self._autopilot.open()
+        if isinstance(self._land, EmulatedController):
+            self._land.attend(asyncio.get_running_loop())
 
     def _publish_pose(self, now_s: float) -> None:
         state = self.plant.state

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from pathlib import Path
 
@@ -45,17 +46,34 @@ class EmulatedController:
         self._estop_pressed = False
         self._terminal = Terminal(link_path)
         self._to_computer = b""
+        self._loop: asyncio.AbstractEventLoop | None = None
 
     @property
     def path(self) -> str:
         """Device path for the computer."""
         return self._terminal.path
 
+    def attend(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Pass on what the firmware says at once, not only in `step`."""
+        self._loop = loop
+        loop.add_reader(self.machine.link.fileno(), self._on_readable)
+
+    def _on_readable(self) -> None:
+        try:
+            self.pass_on()
+        except LinkError:
+            self._ignore()  # the next `step` says so
+
+    def _ignore(self) -> None:
+        if self._loop is not None:
+            self._loop.remove_reader(self.machine.link.fileno())
+            self._loop = None
+
     def step(self, now_s: float, inputs: Inputs) -> Duty:
         """Tell the firmware its pins, and take the newest duty. Call it at 250 Hz."""
         if self._estop_pressed:
             inputs = inputs._replace(estop_pressed=True)
-        with contextlib.suppress(BlockingIOError):  # the emulation is far behind; newer pins will come
+        with contextlib.suppress(BlockingIOError, BrokenPipeError):  # far behind, or gone: `pass_on` tells
             self.machine.plant.send(pins_frame(inputs, int(now_s * 1000.0)))
         self.pass_on()
         return self.duty()
@@ -65,7 +83,7 @@ class EmulatedController:
         with contextlib.suppress(BlockingIOError):
             data = self.machine.plant.recv(READ_BYTES)
             if not data:
-                raise LinkError("the emulator ended")
+                raise LinkError("the emulator of the land controller ended")
             newest = self._reader.feed(data)
             if newest is not None:
                 self._duty, self._heard_s = newest, self._clock.now_s()
@@ -74,10 +92,14 @@ class EmulatedController:
     def pass_on(self) -> None:
         """Carry bytes between the terminal and the firmware, in both directions, without waiting."""
         with contextlib.suppress(BlockingIOError):
-            self._to_computer += self.machine.link.recv(READ_BYTES)
+            data = self.machine.link.recv(READ_BYTES)
+            if not data:
+                raise LinkError("the emulator of the land controller ended")
+            self._to_computer += data
         said = self._terminal.read()
         if said:
-            self.machine.link.send(said)
+            with contextlib.suppress(BlockingIOError, BrokenPipeError):
+                self.machine.link.send(said)
         taken = self._terminal.write(self._to_computer)
         waits = WAITING_BYTES if self._terminal.plugged else 0
         self._to_computer = self._to_computer[max(taken, len(self._to_computer) - waits) :]
@@ -100,5 +122,6 @@ class EmulatedController:
 
     def close(self) -> None:
         """End the machine and give the terminal back."""
+        self._ignore()
         self._terminal.unplug()
         self.machine.close()
