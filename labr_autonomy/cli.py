@@ -18,6 +18,7 @@ from labr_autonomy import __version__
 from labr_autonomy.commands.bench import bench, difficulty_option
 from labr_autonomy.commands.dataset import dataset
 from labr_autonomy.commands.train import train
+from labr_autonomy.commands.wheels import wheels
 from labr_autonomy.errors import BadInput, ExitCode, LabrError
 
 if TYPE_CHECKING:
@@ -270,6 +271,7 @@ def _serve_simulator(
 main.add_command(bench)
 main.add_command(dataset)
 main.add_command(train)
+main.add_command(wheels)
 
 
 @main.command()

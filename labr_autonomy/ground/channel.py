@@ -214,6 +214,11 @@ class GroundChannel:
         return describe(self._telemetry, self._ready, self._reason, self._clock.now_s())
 
     @property
+    def telemetry(self) -> Telemetry | None:
+        """The newest telemetry with all its fields; None before the first."""
+        return self._telemetry
+
+    @property
     def may_engage(self) -> bool:
         """False while a disengaged command must come before the wheels can be engaged (again)."""
         return self._ready and self._may_engage
