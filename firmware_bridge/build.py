@@ -132,6 +132,18 @@ def host_library(
     return _compiled("host", "gcc", sources, flags, [core, include], "libland.so", ["-lm"])
 
 
+def port_library() -> Path:
+    """The port's pins and watchdog for this computer; it writes to the chip's addresses, see its tests.
+
+    Raises:
+        Refused: There is no gcc.
+    """
+    include = headers(Parameters.of(RobotConfig()))
+    flags = [*WARNINGS, "-O1", "-fPIC", "-shared"]
+    sources = [PORT / "board_pins.c", PORT / "watchdog.c"]
+    return _compiled("port", "gcc", sources, flags, [CORE, PORT, include], "libport.so", [])
+
+
 def fuzz_program() -> Path:
     """The core with a generator of bad bytes, watching for bad addresses and undefined behaviour.
 
