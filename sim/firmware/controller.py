@@ -12,7 +12,7 @@ from firmware_bridge.pins import Duty, Inputs
 from labr_autonomy.clock import Clock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import LinkError
-from sim.firmware.plant_wire import DriveReader, pins_frame
+from sim.firmware.plant_wire import DriveReader, PinsWriter
 from sim.firmware.qemu import Qemu
 from sim.terminal import Terminal
 
@@ -40,7 +40,7 @@ class EmulatedController:
         self.parameters = Parameters.of(config)
         self.machine = Qemu(build.image(self.parameters).elf, log)
         self._clock = clock
-        self._reader = DriveReader()
+        self._reader, self._pins = DriveReader(), PinsWriter()
         self._duty = Duty()
         self._heard_s = clock.now_s()
         self._estop_pressed = False
@@ -74,7 +74,7 @@ class EmulatedController:
         if self._estop_pressed:
             inputs = inputs._replace(estop_pressed=True)
         with contextlib.suppress(BlockingIOError, BrokenPipeError):  # far behind, or gone: `pass_on` tells
-            self.machine.plant.send(pins_frame(inputs, int(now_s * 1000.0)))
+            self.machine.plant.send(self._pins.frame(inputs, int(now_s * 1000.0)))
         self.pass_on()
         return self.duty()
 

@@ -13,8 +13,8 @@ from firmware_bridge.host.library import wrapped
 from firmware_bridge.pins import Duty, Inputs
 
 PINS_START, DRIVE_START = 0x95, 0x96
-_PINS = struct.Struct("<IiiiiiiB")
-_DRIVE = struct.Struct("<IhhB")
+_PINS = struct.Struct("<IiiHhhhB")
+_DRIVE = struct.Struct("<hhB")
 _DRIVE_BYTES = 1 + _DRIVE.size + 2
 DUTY_UNIT = 1e-4
 
@@ -24,6 +24,10 @@ def _crc(payload: bytes) -> bytes:
     return crc.to_bytes(2, "little")
 
 
+def _hundredths(amps: float) -> int:
+    return max(-0x8000, min(0x7FFF, round(100.0 * amps)))
+
+
 def pins_frame(inputs: Inputs, time_ms: int) -> bytes:
     """What the firmware reads instead of its pins; `time_ms` is the plant's clock."""
     flags = (
@@ -31,15 +35,30 @@ def pins_frame(inputs: Inputs, time_ms: int) -> bytes:
     )
     payload = _PINS.pack(
         time_ms & 0xFFFFFFFF,
-        round(1000.0 * inputs.battery_v),
-        round(1000.0 * inputs.current_a),
-        round(1000.0 * inputs.left_a),
-        round(1000.0 * inputs.right_a),
         wrapped(inputs.left_ticks),
         wrapped(inputs.right_ticks),
+        max(0, min(0xFFFF, round(100.0 * inputs.battery_v))),
+        _hundredths(inputs.current_a),
+        _hundredths(inputs.left_a),
+        _hundredths(inputs.right_a),
         flags,
     )
     return bytes([PINS_START]) + payload + _crc(payload)
+
+
+class PinsWriter:
+    """Decides when the firmware is told its pins: every second step, and at once when a switch changes."""
+
+    def __init__(self) -> None:
+        self._switches: tuple[bool, ...] = ()
+        self._due = False
+
+    def frame(self, inputs: Inputs, time_ms: int) -> bytes:
+        """The frame to send in this step, possibly none; `time_ms` is the plant's clock."""
+        switches = (inputs.wheel_load, inputs.rotors_possible, inputs.driver_fault, inputs.estop_pressed)
+        self._due = not self._due or switches != self._switches
+        self._switches = switches
+        return pins_frame(inputs, time_ms) if self._due else b""
 
 
 class DriveReader:
@@ -65,5 +84,5 @@ class DriveReader:
                 del self._buffer[:1]
                 continue
             del self._buffer[:_DRIVE_BYTES]
-            _, left, right, braked = _DRIVE.unpack(payload)
+            left, right, braked = _DRIVE.unpack(payload)
             newest = Duty(left * DUTY_UNIT, right * DUTY_UNIT, bool(braked))

@@ -11,7 +11,7 @@ from firmware_bridge.pins import Duty, Inputs
 from firmware_bridge.port import SerialPort
 from labr_autonomy.clock import SystemClock, pause_s
 from labr_autonomy.config import RobotConfig
-from sim.firmware.plant_wire import DriveReader, pins_frame
+from sim.firmware.plant_wire import DriveReader, PinsWriter
 from sim.firmware.qemu import Qemu
 from sim.land_controller import LandController
 
@@ -118,7 +118,7 @@ class QemuTier:
     def __init__(self) -> None:
         self.clock = SystemClock()
         self.machine = Qemu(build.image().elf)
-        self.reader = DriveReader()
+        self.reader, self.pins = DriveReader(), PinsWriter()
         self.duty = Duty()
         self.last_s = self.clock.now_s()
         self.due_s = self.last_s
@@ -139,7 +139,7 @@ class QemuTier:
 
     def step(self, inputs: Inputs) -> Duty:
         with contextlib.suppress(BlockingIOError):
-            self.machine.plant.send(pins_frame(inputs, int(self.last_s * 1000.0)))
+            self.machine.plant.send(self.pins.frame(inputs, int(self.last_s * 1000.0)))
         with contextlib.suppress(BlockingIOError):
             self.duty = self.reader.feed(self.machine.plant.recv(65536)) or self.duty
         return self.duty

@@ -1,7 +1,7 @@
 // Pins and motors of a simulated robot behind USART2; never used on the chip itself (see clock_emulated).
 //
 // Both frames: start byte, little-endian payload, CRC-16/MCRF4XX over the payload. sim/firmware/plant_wire.py
-// is the other end.
+// is the other end. They are short and no more than needed: QEMU passes bytes on one by one, and dearly.
 #include <string.h>
 
 #include "board.h"
@@ -15,15 +15,17 @@
 #define PINS_START 0x95u
 #define DRIVE_START 0x96u
 #define STALE_MS 100u
+#define DRIVE_PERIOD_MS 8u  // unless the brake changes
 
 typedef struct __attribute__((packed)) {
     uint32_t time_ms;  // of the plant's clock
-    int32_t battery_mv, current_ma, left_ma, right_ma, left_ticks, right_ticks;
+    int32_t left_ticks, right_ticks;
+    uint16_t battery_10mv;
+    int16_t current_10ma, left_10ma, right_10ma;
     uint8_t flags;  // wheel load, rotors possible, driver fault, emergency stop
 } pins_frame;
 
 typedef struct __attribute__((packed)) {
-    uint32_t time_ms;  // of the controller's clock
     int16_t left_duty, right_duty;  // in 1/10000
     uint8_t braked;
 } drive_frame;
@@ -53,10 +55,10 @@ static void take(const pins_frame *f, uint32_t now_ms) {
     }
     heard = land_time_at(now_ms);
     latest = (land_inputs){
-        .battery_v = (float)f->battery_mv * 1e-3f,
-        .current_a = (float)f->current_ma * 1e-3f,
-        .left_a = (float)f->left_ma * 1e-3f,
-        .right_a = (float)f->right_ma * 1e-3f,
+        .battery_v = (float)f->battery_10mv * 0.01f,
+        .current_a = (float)f->current_10ma * 0.01f,
+        .left_a = (float)f->left_10ma * 0.01f,
+        .right_a = (float)f->right_10ma * 0.01f,
         .left_ticks = f->left_ticks,
         .right_ticks = f->right_ticks,
         .sampled_ms = sampled_ms,
@@ -102,8 +104,14 @@ bool plant_sample(land_inputs *in, uint32_t now_ms) {
 }
 
 void plant_drive(const land_outputs *out, uint32_t now_ms) {
+    static land_time said;
+    static bool braked;
+    if (said.set && out->braked == braked && land_ahead(now_ms, said.ms) < (int32_t)DRIVE_PERIOD_MS) {
+        return;
+    }
+    said = land_time_at(now_ms);
+    braked = out->braked;
     const drive_frame f = {
-        .time_ms = now_ms,
         .left_duty = (int16_t)(out->left_duty * 10000.0f),
         .right_duty = (int16_t)(out->right_duty * 10000.0f),
         .braked = out->braked,
