@@ -79,6 +79,8 @@ class Framer:
     def feed(self, data: bytes, now_s: float) -> list[Frame]:
         """Take `data`, received at `now_s` [s] on any monotonic scale."""
         frames: list[Frame] = []
+        if not data:
+            return frames  # nothing came: the stream stays idle
         gap_s = self._guards.idle_gap_s
         if gap_s is not None and self._last_s is not None and now_s - self._last_s >= gap_s:
             self._drain(frames)

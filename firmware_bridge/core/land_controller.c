@@ -161,11 +161,8 @@ void land_init(land_controller *c, const land_boot *boot) {
     memset(c, 0, sizeof *c);
     land_gate_init(&c->gate, boot->boot_count, boot->estop);
     c->params = boot->params != NULL ? *boot->params : land_params_default();
-    c->left = c->right = land_wheel_resting();
     c->reset_cause = boot->reset_cause;
     memcpy(c->serial, boot->serial, LAND_SERIAL_BYTES);
-    land_framer_init(&c->framer);
-    land_link_init(&c->link);
 }
 
 void land_receive(land_controller *c, const uint8_t *bytes, size_t length, uint32_t now_ms) {

@@ -4,10 +4,6 @@
 
 #include "land_mavlink.h"
 
-void land_framer_init(land_framer *f) {
-    memset(f, 0, sizeof *f);
-}
-
 uint32_t land_frame_message(const uint8_t *frame) {
     return (uint32_t)frame[7] | (uint32_t)frame[8] << 8 | (uint32_t)frame[9] << 16;
 }
@@ -15,11 +11,6 @@ uint32_t land_frame_message(const uint8_t *frame) {
 static void drop(land_framer *f, size_t count) {
     f->used -= count;
     memmove(f->buffer, f->buffer + count, f->used);
-}
-
-static void reject_first(land_framer *f) {
-    f->resyncs++;
-    drop(f, 1);
 }
 
 // Drop bytes up to a start byte; false if there is none.
@@ -61,7 +52,7 @@ static void cut(land_framer *f, land_frame_taker take, void *context) {
     while (seek_start(f)) {
         size_t length;
         if (!plausible(f, &length)) {
-            reject_first(f);
+            drop(f, 1);
             continue;
         }
         if (length == 0 || f->used < length) {
@@ -72,7 +63,7 @@ static void cut(land_framer *f, land_frame_taker take, void *context) {
             drop(f, length);
         } else {
             f->bad_crc++;
-            reject_first(f);
+            drop(f, 1);
         }
     }
 }
@@ -81,7 +72,7 @@ void land_framer_feed(
     land_framer *f, const uint8_t *bytes, size_t length, uint32_t now_ms, land_frame_taker take, void *context) {
     if (f->ever && now_ms - f->last_ms >= LAND_FRAME_IDLE_MS) {
         while (f->used > 0) {  // the rest of what waits will not come; frames behind a false start still count
-            reject_first(f);
+            drop(f, 1);
             cut(f, take, context);
         }
     }

@@ -22,10 +22,7 @@ typedef struct {
     uint32_t last_ms;
     bool ever;  // bytes came before
     uint32_t bad_crc;
-    uint32_t resyncs;
-} land_framer;
-
-void land_framer_init(land_framer *f);
+} land_framer;  // all zero is one that has seen nothing
 
 // Take `length` bytes that came at `now_ms`.
 void land_framer_feed(

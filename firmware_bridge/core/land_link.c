@@ -1,11 +1,5 @@
 #include "land_link.h"
 
-#include <string.h>
-
-void land_link_init(land_link *l) {
-    memset(l, 0, sizeof *l);
-}
-
 static void push(land_link *l, const uint8_t *bytes, size_t length) {
     for (size_t i = 0; i < length; i++) {
         l->tx[(l->tx_first + l->tx_used++) % LAND_TX_BYTES] = bytes[i];

@@ -24,9 +24,7 @@ typedef struct {
     uint32_t rx_foreign;
     bool rx_known;
     uint8_t rx_next;
-} land_link;
-
-void land_link_init(land_link *l);
+} land_link;  // all zero is one over which nothing went
 
 // Give a message number, payload and sequence to the ring, trailing zeros cut as MAVLink 2 wants it.
 void land_link_send(land_link *l, uint32_t message, const void *payload, uint8_t length);

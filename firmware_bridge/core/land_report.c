@@ -88,6 +88,7 @@ void land_report_identity(land_controller *c, uint32_t nonce) {
         .protocol = LAND_PROTOCOL_HERE,
         .reset_cause = c->reset_cause,
     };
+    _Static_assert(sizeof m.serial == LAND_SERIAL_BYTES, "the dialect has room for just these digits");
     memcpy(m.serial, c->serial, LAND_SERIAL_BYTES);
     land_link_send(&c->link, MAVLINK_MSG_ID_LAND_IDENTITY, &m, MAVLINK_MSG_ID_LAND_IDENTITY_LEN);
 }

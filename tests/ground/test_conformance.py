@@ -507,6 +507,15 @@ def test_noise_turns_no_wheel_and_at_most_one_good_frame_is_lost_after_it(bench)
     bench.drive_until(lambda: not bench.duty.braked, "driving after the noise")
 
 
+def test_a_frame_behind_a_false_start_counts_after_a_pause(bench):
+    bench.hello()
+    long = bench.link.encode(wire.MAVLink_land_log_message(1, 1, b"x" * 50))
+    bench.tier.write(long[:12] + bench.link.encode(wire.MAVLink_land_estop_message(7)))
+    bench.run(0.1)  # what waits for its end will not get it
+    bench.say(wire.MAVLink_land_timesync_message(1, 0))
+    bench.until(lambda: bench.state.mode == wire.LAND_MODE_ESTOP, "the frame behind it")
+
+
 def test_lost_frames_are_counted(bench):
     bench.hello()
     bench.next("LAND_STATE")

@@ -224,3 +224,77 @@ def test_extremes_of_the_pins_do_not_leave_their_fields(core):
     state = next(m for m in core.step(20, wild) if m.get_type() == "LAND_STATE")
     assert (state.battery_mv, state.current_ma) == (65535, 0)
     assert (state.current_left, state.current_right) == (32767, -32768)
+
+
+def test_calls_without_bytes_do_not_hide_an_idle_gap(core):
+    """A port asks every millisecond, and mostly nothing has come."""
+    core.hello()
+    log = core.mouth.encode(wire.MAVLink_land_log_message(1, 1, b"x" * 50))
+    core.raw(log[:12] + core.mouth.encode(wire.MAVLink_land_estop_message(7)))
+    for _ in range(25):
+        core.now += 1
+        core.raw(b"")
+    assert core.state().mode == wire.LAND_MODE_IDLE
+    core.raw(b"\x00")
+    assert core.state().mode == wire.LAND_MODE_ESTOP
+
+
+def stalls(core, asked_mmps: int, left_share: float, right_share: float) -> bool:
+    """Whether wheels that turn at these shares of what is asked latch a stall within a second."""
+    core.hello()
+    core.velocity()
+    left = right = 0.0
+    for k in range(260):
+        if k % 5 == 0:
+            core.say(wire.MAVLink_land_heartbeat_message(core.session, 0, 0, 1))
+            core.velocity(asked_mmps, 1)
+        left += 4 * left_share * asked_mmps * 0.004  # 4 ticks a millimetre
+        right += 4 * right_share * asked_mmps * 0.004
+        for m in core.step(4, GROUND._replace(left_ticks=int(left), right_ticks=int(right))):
+            if m.get_type() == "LAND_STATE" and m.faults & wire.LAND_FAULT_WHEEL_STALL:
+                return True
+    return False
+
+
+@pytest.mark.parametrize(
+    ("asked_mmps", "left", "right", "stalled"),
+    [
+        (400, 0.15, 1.0, True),
+        (400, 1.0, 0.15, True),
+        (400, 0.25, 0.25, False),
+        (400, -0.5, 1.0, True),
+        (-200, 0.15, 1.0, True),
+        (-200, 0.5, 1.0, False),
+        (110, 0.0, 0.0, True),
+        (90, 0.0, 0.0, False),
+    ],
+)
+def test_a_wheel_stalls_below_a_fifth_of_more_than_a_tenth_of_a_metre_a_second(
+    core, asked_mmps, left, right, stalled
+):
+    assert stalls(core, asked_mmps, left, right) == stalled
+
+
+@pytest.mark.parametrize(
+    ("asked_mmps", "ratio", "latched"),
+    [(400, 1.9, False), (400, 2.1, True), (100, 2.9, False), (100, 3.2, True)],
+)
+def test_a_wheel_races_at_twice_what_is_asked_and_more_than_0_3_m_per_s(core, asked_mmps, ratio, latched):
+    for side in ("left_ticks", "right_ticks"):
+        core.hello()
+        core.velocity()
+        seen, ticks, other = 0, 0.0, 0.0
+        for k in range(260):
+            if k % 5 == 0:
+                core.say(wire.MAVLink_land_heartbeat_message(core.session, 0, 0, 1))
+                core.velocity(asked_mmps, 1)
+            ticks += 4 * ratio * asked_mmps * 0.004
+            other += 4 * asked_mmps * 0.004
+            pins = GROUND._replace(left_ticks=int(other), right_ticks=int(other))
+            for m in core.step(4, pins._replace(**{side: int(ticks)})):
+                if m.get_type() == "LAND_STATE" and k > 30:
+                    seen |= m.faults & wire.LAND_FAULT_WHEEL_RUNAWAY
+        assert bool(seen) == latched
+        core.velocity()
+        for _ in range(30):
+            core.step(4, GROUND)
