@@ -30,9 +30,15 @@ from labr_autonomy.errors import BadInput, ExitCode, LabrError
 KNOWN = build.HERE / "mutants_known.txt"
 TESTS_S = 120.0  # a mutant whose tests take longer hangs, and is noticed by that
 NO_MUTANT = 77  # exit code of a judge whose mutant is no program
+RANDOM_LIFE = "test_core_agrees_with_python_in_every_step_of_a_random_life"
 # Those of the C core, without the ones that build it themselves.
 TESTS = [*(str(TESTS_FOLDER / name) for name in FILES)]
 TESTS += ["-k", "not qemu and not twin and not bad_bytes and not 210_ms"]
+TESTS += [
+    word
+    for seed in range(3, 12)
+    for word in ("--deselect", f"tests/ground/{FILES[1]}::{RANDOM_LIFE}[{seed}]")
+]
 
 # What the tests import, so that no judge has to.
 WARM = ("pytest", "hypothesis", "numpy", "cffi", "sim.land_controller", "sim.rover", "sim.firmware.qemu")
