@@ -39,8 +39,11 @@ STOP_S = 0.5  # after the last command the wheels are watched this long
     help=f"Drive at V m/s and W rad/s, at most {SPEED_MAX_MPS:g} and {TURN_MAX_RPS:g}; else only look.",
 )
 @click.option("--in-the-air", is_flag=True, help="Say that the wheels touch nothing; --turn wants it.")
+@click.option("--release-estop", is_flag=True, help="First end an emergency stop; its button must be out.")
 @click.option("--json", "as_json", is_flag=True, help="JSON on stdout, for machines.")
-def wheels(robot: Path, seconds: float, turn: str | None, in_the_air: bool, as_json: bool) -> None:
+def wheels(
+    robot: Path, seconds: float, turn: str | None, in_the_air: bool, release_estop: bool, as_json: bool
+) -> None:
     """Look at the land controller's pins and encoders, and turn the wheels slowly. For the workshop.
 
     Prints who answers and its parameters, then four lines a second of what it measures. Ctrl-C stops the
@@ -53,7 +56,9 @@ def wheels(robot: Path, seconds: float, turn: str | None, in_the_air: bool, as_j
         asked = _speeds(turn)
         if not in_the_air:
             raise BadInput("--turn moves the wheels", "Lift the robot off the ground and say --in-the-air")
-    summary = asyncio.run(_session(load_robot(robot), seconds, asked, quiet=as_json))
+    summary = asyncio.run(
+        _session(load_robot(robot), seconds, asked, release_estop=release_estop, quiet=as_json)
+    )
     if as_json:
         click.echo(json.dumps(summary))
 
@@ -72,7 +77,12 @@ def _speeds(turn: str) -> tuple[float, float]:
 
 
 async def _session(
-    config: RobotConfig, seconds: float, asked: tuple[float, float] | None, *, quiet: bool
+    config: RobotConfig,
+    seconds: float,
+    asked: tuple[float, float] | None,
+    *,
+    release_estop: bool,
+    quiet: bool,
 ) -> dict[str, Any]:
     from labr_autonomy.clock import SystemClock
     from labr_autonomy.ground.channel import GroundChannel
@@ -87,6 +97,8 @@ async def _session(
             who = f"land controller {identity.serial}, firmware {identity.firmware}"
             click.echo(f"{who}, boot {identity.boot_count}")
             click.echo("  ".join(f"{name} {value:g}" for name, value in parameters.items()))
+        if release_estop:
+            await channel.release_estop()
         before = _measured(channel)
         await _look(channel, seconds, asked, quiet=quiet)
         after = _measured(channel)

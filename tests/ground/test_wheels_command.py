@@ -11,7 +11,11 @@ import pytest
 from click.testing import CliRunner
 from firmware_needs import need
 
+from firmware_bridge.dialect import labr_land as wire
+from firmware_bridge.link import Link
+from firmware_bridge.port import SerialPort
 from labr_autonomy.cli import main
+from labr_autonomy.clock import SystemClock, pause_s
 
 
 @contextlib.contextmanager
@@ -55,6 +59,28 @@ def test_it_shows_the_pins_and_turns_the_wheels_the_way_that_was_asked(tmp_path,
         assert code == 0, said
         turned = json.loads(said)["turned_m"]
         assert 0.1 < turned["left"] < turned["right"] < 0.7
+
+
+@pytest.mark.sitl
+def test_an_emergency_stop_keeps_the_wheels_still_until_it_is_released(tmp_path):
+    with land_controller("twin", tmp_path) as robot:
+        port = SerialPort(str(tmp_path / "land_controller"), 460800)
+        port.write(Link().encode(wire.MAVLink_land_estop_message(1)))
+        begun_s = SystemClock().now_s()
+        while b"emergency stop latched" not in port.read():
+            assert SystemClock().now_s() - begun_s < 10.0
+            pause_s(0.002)
+        port.close()
+        turn = ["--robot", robot, "--seconds", 1.5, "--turn", "0.1,0", "--in-the-air"]
+        code, said = run(*turn)
+        assert code == 3
+        assert "the wheels do not turn: " in said
+        assert "emergency stop" in said
+        code, said = run(*turn, "--release-estop")
+        assert code == 0, said
+        code, said = run("--robot", robot, "--seconds", 0.5, "--release-estop")
+        assert code == 3
+        assert "refused" in said
 
 
 @pytest.mark.parametrize(
