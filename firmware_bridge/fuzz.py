@@ -54,8 +54,8 @@ def fuzz_python(count: int, seed: int, progress: Callable[[int], None] | None = 
     rng = random.Random(seed)
     framer, link = Framer(), Link(COMPUTER)
     fed = frames = wrong = 0
-    sent: set[bytes] = set()
-    said = PROGRESS_BYTES
+    said: set[bytes] = set()
+    due = PROGRESS_BYTES
     while fed < count:
         kind = rng.randrange(8)
         raw = link.encode(_command(rng))
@@ -66,19 +66,20 @@ def fuzz_python(count: int, seed: int, progress: Callable[[int], None] | None = 
                     data[i] = START
         elif kind == 4:
             data = bytearray(raw[: rng.randint(1, len(raw) - 1)])
+            said.add(raw)  # noise may happen to complete it
         elif kind == 5:
             data = bytearray(raw)
             data[rng.randrange(len(data))] ^= rng.randint(1, 255)
         else:
             data = bytearray(raw)
-            sent.add(raw)
+            said.add(raw)
         for frame in framer.feed(bytes(data), 1e-9 * fed):
             frames += 1
-            wrong += frame.raw not in sent
+            wrong += frame.raw not in said
         fed += len(data)
-        if progress is not None and fed >= said:
+        if progress is not None and fed >= due:
             progress(fed)
-            said += PROGRESS_BYTES
+            due += PROGRESS_BYTES
     return {"mode": "bytes", "bytes": fed, "accepted": frames, "wrong": wrong, "bad_crc": framer.bad_crc}
 
 

@@ -97,7 +97,7 @@ def _bare_start_s():
 
 
 def test_only_commands_that_exist_are_listed():
-    assert set(cli.main.commands) == {"fly", "check", "sim", "bench", "report", "dataset", "train"}
+    assert set(cli.main.commands) == {"fly", "check", "sim", "bench", "report", "dataset", "train", "wheels"}
 
 
 def test_version():

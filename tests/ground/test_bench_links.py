@@ -44,3 +44,10 @@ def test_a_robot_that_does_not_answer_is_a_sentence(tmp_path):
     done = CliRunner().invoke(main, ["bench", "links", "--robot", str(robot)])
     assert done.exit_code == 3
     assert "/dev/serial/by-id/none is not there" in done.output
+
+
+def test_an_emulator_that_is_not_installed_is_a_sentence(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    done = CliRunner().invoke(main, ["bench", "links", "--ground", "qemu", "--seconds", "1"])
+    assert done.exit_code == 3
+    assert "arm-none-eabi-gcc is not installed. apt-get install gcc-arm-none-eabi" in done.output
