@@ -189,17 +189,40 @@ class RollingMap:
         if pose.position_m[2] - self.floor_z_m <= body.below_m + ON_WHEELS_M:
             self.driving.clear(pose.position_m[:2], body.radius_m)
 
-    def land_field(self, pose: Pose, floor_z_m: float, *, shadows: bool = True) -> Field2:
-        """Distance to what hinders the driving body, over the whole box; `driving_layer`.
+    def land_field(self, pose: Pose, floor_z_m: float) -> Field2:
+        """Distance to what was seen to hinder the driving body, over the whole box; `driving_layer`.
 
         Args:
             pose: Body in odom; with the floor's height it places the box when nothing has been seen yet.
             floor_z_m: Of the floor below it, odom.
-            shadows: See `DrivingLayer.field`.
         """
         if not self._placed:
             self._follow(pose.position_m, floor_z_m)
-        return self.driving.field(shadows=shadows)
+        return self.driving.seen()
+
+    def land_room(self, pose: Pose, floor_z_m: float, half_m: float) -> Field2:
+        """The same in a square round the robot where what was not seen counts as solid; as above.
+
+        Args:
+            pose: As for `land_field`.
+            floor_z_m: As for `land_field`.
+            half_m: Half of the square's edge.
+        """
+        if not self._placed:
+            self._follow(pose.position_m, floor_z_m)
+        return self.driving.room(pose.position_m, half_m)
+
+    def assume_free(self, pose: Pose, ring_m: float) -> None:
+        """Take the floor about a robot for free, though the camera cannot see it: it was put there, or came
+        down there.
+
+        Args:
+            pose: Body in odom, on its wheels.
+            ring_m: So far beyond the outline.
+        """
+        if not self._placed:
+            self._follow(pose.position_m, pose.position_m[2] - self._config.body.below_m)
+        self.driving.assume_free(pose.position_m[:2], self._config.body.radius_m + ring_m)
 
     def slice_field(self, pose: Pose, floor_z_m: float) -> Field2:
         """Distance to what would hinder a robot that drove at some height, as for flying at it.

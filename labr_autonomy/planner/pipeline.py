@@ -34,7 +34,9 @@ NARROW_MARGIN_M = 0.01  # and so that it can follow at all
 TIGHT_M = 0.12  # as near as this to obstacles leads a way when there is no other
 CAREFUL_MPS = 0.3
 PUSH_M = 0.08  # by so much the refiner pushes a path out of obstacles
+LAND_HALF_M = 4.5  # of the map that a trajectory is checked against
 FIELD_HALF_M = (3.5, 3.5)
+RING_M = 0.2  # about a robot that begins to drive the floor is taken for free: the camera cannot see it
 MAP_EVERY_S = 1.0
 
 
@@ -61,6 +63,7 @@ class Pipeline:
         self._way_out = WayOut()
         self._seen = -1
         self._drawn_s = -math.inf
+        self._seen_field: Field2
 
     def cycle(self, request: PlanRequest, frame: DepthFrame | None) -> PlanResult:
         """Plan once; without a frame (overwritten or not there yet) from the map as it is."""
@@ -77,11 +80,12 @@ class Pipeline:
             self._previous = None
         if request.fresh:
             self._way_out.reset()
-        field = self._map.land_field(request.body_pose, request.floor_z_m)
-        ways = self._ways_on_land(request, field)
+            if request.mode is Mode.LAND:
+                self._map.assume_free(request.body_pose, RING_M)
+        ways = self._ways_on_land(request)
         room_above = self._column_clear(request, request.lift_to_m)
         if request.mode is Mode.LAND:
-            followed, refined, routed_s, why = self._drive(request, network, field, ways, room_above)
+            followed, refined, routed_s, why = self._drive(request, network, ways, room_above)
         else:
             followed, refined, routed_s, why = self._fly(request, network)
         done_s = now()
@@ -109,7 +113,7 @@ class Pipeline:
                 done_s - routed_s,
                 done_s - began_s,
             ),
-            map_xy_m=self._map_now_and_then(field, request.start_s),
+            map_xy_m=self._map_now_and_then(request.start_s),
         )
 
     # ------------------------------------------------------------------ first stage
@@ -148,13 +152,14 @@ class Pipeline:
         return goal
 
     # ------------------------------------------------------------------ ways on the map
-    def _ways_on_land(self, request: PlanRequest, field: Field2) -> CostToGo:
+    def _ways_on_land(self, request: PlanRequest) -> CostToGo:
         goal = request.goal_m[:2]
 
         def search() -> CostToGo:
             hard_m = self._refiner.land_hard_m
+            self._seen_field = self._map.land_field(request.body_pose, request.floor_z_m)
             return CostToGo(
-                self._map.land_field(request.body_pose, request.floor_z_m, shadows=False).coarser(),
+                self._seen_field.coarser(),
                 goal,
                 hard_m + NARROW_MARGIN_M,
                 reach_m=_reach_m(request),
@@ -185,13 +190,13 @@ class Pipeline:
         return float(np.hypot(*(target - here))) < AT_END_M
 
     def _evidence(
-        self, request: PlanRequest, network: KeyPoints, path: Array, field: Field2, ways: CostToGo
+        self, request: PlanRequest, network: KeyPoints, path: Array, ways: CostToGo
     ) -> routes.Evidence:
         pose = request.body_pose
         here = pose.position_m[:2]
         dense = routes.densify(np.vstack([here, path[:, :2]]))
         beyond = dense[np.hypot(*(dense - here).T) > 0.3]
-        free = field.lookup(beyond) - self._refiner.land_hard_m if len(beyond) else np.array([1.0])
+        free = self._seen_field.lookup(beyond) - self._refiner.land_hard_m if len(beyond) else np.array([1.0])
         away = request.goal_m[:2] - here
         near = float(np.hypot(*away)) < GOAL_JOIN_M
         bearing = 0.0 if near else wrap_pi(math.atan2(away[1], away[0]) - yaw_of(pose.quaternion))
@@ -206,7 +211,7 @@ class Pipeline:
 
     # ------------------------------------------------------------------ second stage, on land
     def _drive(
-        self, request: PlanRequest, network: KeyPoints, field: Field2, ways: CostToGo, room_above: bool
+        self, request: PlanRequest, network: KeyPoints, ways: CostToGo, room_above: bool
     ) -> tuple[KeyPoints | None, RefineResult, float, str]:
         land_part = network.points_m
         if request.goal_in_air and network.air.any():
@@ -215,7 +220,7 @@ class Pipeline:
         here = motion.position_m
         if not len(land_part):  # lift off right here
             land_part = here[None]
-        evidence = self._evidence(request, network, land_part, field, ways)
+        evidence = self._evidence(request, network, land_part, ways)
         self._route, why = routes.choose(self._route, evidence, request.start_s)
         followed = KeyPoints(land_part, np.zeros(len(land_part), bool), network.mu, Source.GKPN)
         if self._route.source is Source.SEARCH:
@@ -227,11 +232,12 @@ class Pipeline:
                 points = np.column_stack([points[:, :2], np.full(len(points), here[2])])
                 followed = KeyPoints(points, np.zeros(len(points), bool), network.mu, Source.SEARCH)
         routed_s = self._clock.now_s()
+        field = self._map.land_room(request.body_pose, request.floor_z_m, LAND_HALF_M)
         state = LandState(here[:2], motion.yaw_rad, motion.speed_mps, motion.yaw_rate_rps, float(here[2]))
         doing = self._way_out.step(
             request,
             ways,
-            lambda closed: self._ways_through(request, field, closed),
+            lambda closed: self._ways_through(request, closed),
             room_above,
         )
         if doing is not None:
@@ -256,10 +262,10 @@ class Pipeline:
         return followed, refined, routed_s, why
 
     # ------------------------------------------------------------------ when it gets no farther
-    def _ways_through(self, request: PlanRequest, field: Field2, closed: tuple[Array, ...]) -> CostToGo:
+    def _ways_through(self, request: PlanRequest, closed: tuple[Array, ...]) -> CostToGo:
         """Ways that may lead through gaps that are too tight on the map, but for closed places."""
         return CostToGo(
-            field.coarser(),
+            self._seen_field.coarser(),
             request.goal_m[:2],
             self._refiner.land_hard_m + NARROW_MARGIN_M,
             reach_m=_reach_m(request),
@@ -347,11 +353,11 @@ class Pipeline:
     def _column_clear(self, request: PlanRequest, up_to_m: float) -> bool:
         return column_clear(self._map, self._config, request, up_to_m)
 
-    def _map_now_and_then(self, field: Field2, now_s: float) -> np.ndarray | None:
+    def _map_now_and_then(self, now_s: float) -> np.ndarray | None:
         if now_s - self._drawn_s < MAP_EVERY_S:
             return None
         self._drawn_s = now_s
-        return np.asarray(field.surface_points(), dtype=np.float32)
+        return np.asarray(self._seen_field.surface_points(), dtype=np.float32)
 
 
 def _reach_m(request: PlanRequest) -> float:

@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,7 +64,8 @@ class CostToGo:
         self._free = distance > (radius_m if tight_m is None else tight_m)
         for place in closed:
             _shut(self._free, (place - field.origin_m) / field.cell_m - 0.5, CLOSED_M / field.cell_m)
-        self._price = cell_cost(distance, field.known, radius_m, unknown_cost)
+        sure = _surely_known(field, radius_m)
+        self._price = cell_cost(distance, sure, radius_m, unknown_cost)
         if roomy_m > radius_m:
             self._price = np.where(distance > roomy_m, self._price, NARROW_COST * self._price)
         if tight_m is not None:
@@ -152,6 +154,15 @@ def snap(field: Field2, free: NDArray[np.bool_], place: Array, reach_m: float) -
     best = int(gap.argmin())
     # half a cell's diagonal is rounding, not distance
     return near[best] if gap[best] <= reach + math.sqrt(0.5) else None
+
+
+def _surely_known(field: Field2, radius_m: float) -> NDArray[np.bool_]:
+    """Cells whose surroundings within the radius are known, but for gaps between rays."""
+    unknown = cv2.morphologyEx((~field.known).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    reach = 2 * round(radius_m / field.cell_m) + 1
+    near = cv2.dilate(unknown, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
+    sure: NDArray[np.bool_] = field.known & (near == 0)
+    return sure
 
 
 def _shut(free: NDArray[np.bool_], at: Array, radius: float) -> None:
