@@ -120,13 +120,13 @@ static void on_timesync(land_controller *c, const mavlink_message_t *message) {
     land_link_send(&c->link, MAVLINK_MSG_ID_LAND_TIMESYNC, &m, MAVLINK_MSG_ID_LAND_TIMESYNC_LEN);
 }
 
-static void on_frame(void *context, const uint8_t *frame, size_t length) {
+static void on_frame(void *context, const uint8_t *frame) {
     land_controller *c = context;
     if (!land_link_accept(&c->link, frame)) {
         return;
     }
     mavlink_message_t message = {.len = frame[1]};
-    memcpy(message.payload64, frame + LAND_FRAME_HEADER, length - LAND_FRAME_HEADER - LAND_FRAME_CRC);
+    memcpy(message.payload64, frame + LAND_FRAME_HEADER, frame[1]);
     switch (land_frame_message(frame)) {
     case MAVLINK_MSG_ID_LAND_HELLO:
         on_hello(c, &message);

@@ -59,7 +59,7 @@ static void cut(land_framer *f, land_frame_taker take, void *context) {
             return;
         }
         if (crc_good(f->buffer, length)) {
-            take(context, f->buffer, length);
+            take(context, f->buffer);
             drop(f, length);
         } else {
             f->bad_crc++;

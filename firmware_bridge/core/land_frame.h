@@ -14,7 +14,7 @@
 #define LAND_FRAME_IDLE_MS 20u
 
 // Where good frames go; the frame is valid during the call only.
-typedef void (*land_frame_taker)(void *context, const uint8_t *frame, size_t length);
+typedef void (*land_frame_taker)(void *context, const uint8_t *frame);
 
 typedef struct {
     uint8_t buffer[LAND_FRAME_MAX];
