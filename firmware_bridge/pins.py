@@ -26,3 +26,8 @@ class Duty(NamedTuple):
     left: float = 0.0  # [-1, 1], positive is forward
     right: float = 0.0
     braked: bool = True
+
+
+def wrapped(ticks: int) -> int:
+    """An encoder's count as 32 bits hold it."""
+    return (ticks + 0x80000000 & 0xFFFFFFFF) - 0x80000000

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from firmware_bridge.dialect import labr_land as wire
 from firmware_bridge.link import CONTROLLER, Link, Message, text_of
 from firmware_bridge.parameters import Parameters
-from firmware_bridge.pins import Duty, Inputs
+from firmware_bridge.pins import Duty, Inputs, wrapped
 from firmware_bridge.version import FIRMWARE
 from labr_autonomy.clock import Clock
 from labr_autonomy.config import RobotConfig
@@ -184,8 +184,8 @@ class LandController:
             age = min(core.NEVER_MS - 1, core.ahead(self._now_ms, s.accepted_ms, 32))
         return wire.MAVLink_land_state_message(
             time_ms=self._now_ms,
-            ticks_left=_wrapped(i.left_ticks),
-            ticks_right=_wrapped(i.right_ticks),
+            ticks_left=wrapped(i.left_ticks),
+            ticks_right=wrapped(i.right_ticks),
             v=_int16(500.0 * (s.left_mps + s.right_mps)),
             w=_int16(1000.0 * (s.right_mps - s.left_mps) / self.parameters.track),
             faults=s.faults,
@@ -302,10 +302,6 @@ def _next_due(due_ms: int, now_ms: int, period_ms: int) -> int:
     """The next due time after now, on the grid of the old one; missed reports are skipped."""
     behind = core.ahead(now_ms, due_ms, 32)
     return (due_ms + (behind // period_ms + 1) * period_ms) & U32
-
-
-def _wrapped(ticks: int) -> int:
-    return core.ahead(ticks, 0, 32)
 
 
 def _int16(value: float) -> int:

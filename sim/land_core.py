@@ -1,6 +1,6 @@
 """The land controller's decisions: deny by default, no I/O, no clock, integer milliseconds.
 
-Written so that a C core can follow it line by line: one state, one function per message, one `tick`.
+`firmware_bridge/core/land_gate.c` follows it line by line: one state, one function per message, one `tick`.
 The wheels turn only while ALL of these hold: a session is open, the computer engaged by going through a
 disengaged command first, its heartbeat is alive, the last accepted command is at most 200 ms old and before
 its deadline, no emergency stop, no air lock, the wheels carry the robot, the rotors have no power, and no

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Any
 
 from firmware_bridge import build
-from firmware_bridge.pins import Duty, Inputs
+from firmware_bridge.pins import Duty, Inputs, wrapped
 
 SERIAL = "484F5354" + "0" * 16  # "HOST"
 ROOM = 4096
@@ -49,11 +49,6 @@ def _ffi() -> Any:
     ffi = cffi.FFI()
     ffi.cdef(_DECLARATIONS)
     return ffi
-
-
-def wrapped(ticks: int) -> int:
-    """A counter as 32 bits hold it."""
-    return (ticks + 0x80000000 & 0xFFFFFFFF) - 0x80000000
 
 
 class Library:

@@ -43,7 +43,6 @@ class EmulatedController:
         self._reader, self._pins = DriveReader(), PinsWriter()
         self._duty = Duty()
         self._heard_s = clock.now_s()
-        self._estop_pressed = False
         self._terminal = Terminal(link_path)
         self._to_computer = b""
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -71,8 +70,6 @@ class EmulatedController:
 
     def step(self, now_s: float, inputs: Inputs) -> Duty:
         """Tell the firmware its pins, and take the newest duty. Call it at 250 Hz."""
-        if self._estop_pressed:
-            inputs = inputs._replace(estop_pressed=True)
         with contextlib.suppress(BlockingIOError, BrokenPipeError):  # far behind, or gone: `pass_on` tells
             self.machine.plant.send(self._pins.frame(inputs, int(now_s * 1000.0)))
         self.pass_on()
@@ -111,14 +108,6 @@ class EmulatedController:
     def replug(self) -> None:
         """Put the cable back; the kernel gives the terminal a new number."""
         self._terminal.replug()
-
-    def reboot(self) -> None:
-        """Reset the processor."""
-        self.machine.reset()
-
-    def press_estop(self) -> None:
-        """Press the button on the robot."""
-        self._estop_pressed = True
 
     def close(self) -> None:
         """End the machine and give the terminal back."""

@@ -9,8 +9,7 @@ from __future__ import annotations
 import struct
 
 from firmware_bridge.dialect import labr_land
-from firmware_bridge.host.library import wrapped
-from firmware_bridge.pins import Duty, Inputs
+from firmware_bridge.pins import Duty, Inputs, wrapped
 
 PINS_START, DRIVE_START = 0x95, 0x96
 _PINS = struct.Struct("<IiiHhhhB")
