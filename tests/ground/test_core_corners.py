@@ -265,6 +265,7 @@ def stalls(core, asked_mmps: int, left_share: float, right_share: float) -> bool
         (-200, 0.15, 1.0, True),
         (-200, 0.5, 1.0, False),
         (110, 0.0, 0.0, True),
+        (100, 0.0, 0.0, False),
         (90, 0.0, 0.0, False),
     ],
 )
@@ -297,3 +298,20 @@ def test_a_wheel_races_at_twice_what_is_asked_and_more_than_0_3_m_per_s(core, as
         core.velocity()
         for _ in range(30):
             core.step(4, GROUND)
+
+
+@pytest.mark.parametrize(("current_a", "after_ms"), [(15.0, None), (15.01, 600)])
+def test_the_current_may_be_at_its_limit_for_ever_and_above_it_for_600_ms(core, current_a, after_ms):
+    core.engage()
+    left = 0.0
+    begun = core.now + 4
+    for k in range(300):
+        if k % 5 == 0:
+            core.say(wire.MAVLink_land_heartbeat_message(core.session, 0, 0, 1))
+            core.velocity(300, 1)
+        left += 4 * 300 * 0.004
+        core.step(4, GROUND._replace(current_a=current_a, left_ticks=int(left), right_ticks=int(left)))
+        if core.duty.braked:
+            assert core.now - begun == after_ms
+            return
+    assert after_ms is None
