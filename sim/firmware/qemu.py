@@ -69,6 +69,7 @@ class Qemu:
             stderr=subprocess.PIPE,
             pass_fds=[end.fileno() for end in theirs],
             preexec_fn=_like_a_chip,
+            start_new_session=True,  # Ctrl-C in the terminal is for the executive
         )
         for end in theirs:
             end.close()
@@ -93,6 +94,11 @@ class Qemu:
     ) -> None:
         """End it."""
         self.close()
+
+    @property
+    def pid(self) -> int:
+        """Of its process."""
+        return self._process.pid
 
     def reset(self) -> None:
         """What the reset pin does; RAM keeps its content."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import select
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from firmware_needs import need
@@ -169,3 +171,41 @@ async def test_two_processes_cannot_open_one_port():
         await channel.close()
         done = subprocess.run(second, capture_output=True, text=True, check=False)  # noqa: ASYNC221
         assert (done.returncode, done.stderr) == (0, "")
+
+
+ALONE = """
+import sys
+from firmware_bridge import build
+from sim.firmware.qemu import Qemu
+machine = Qemu(build.image().elf)
+print(machine.pid, flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.sitl
+def test_the_emulator_ends_with_its_starter_and_is_not_reached_by_ctrl_c():
+    starter = subprocess.Popen(
+        [sys.executable, "-c", ALONE], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        pid = int(starter.stdout.readline())
+        assert os.getsid(pid) != os.getsid(starter.pid)
+        starter.kill()
+        starter.wait()
+        clock = SystemClock()
+        killed_s = clock.now_s()
+        while _runs(pid):
+            assert clock.now_s() - killed_s < 5.0
+            pause_s(0.01)
+    finally:
+        starter.kill()
+        starter.stdin.close()
+        starter.stdout.close()
+
+
+def _runs(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
