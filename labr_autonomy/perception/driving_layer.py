@@ -51,9 +51,9 @@ class DrivingLayer:
         return out
 
     def follow(self, place_m: Array) -> None:
-        """Move the square by whole cells so that a place (2|3,) is in its middle; new cells are unknown."""
+        """Move the square by pairs of cells so that a place (2|3,) is in its middle; new cells are unknown."""
         n = self.odds.shape[0]
-        corner = np.floor(np.asarray(place_m[:2], float) / CELL_M).astype(np.int64) - n // 2
+        corner = 2 * np.floor(np.asarray(place_m[:2], float) / (2.0 * CELL_M)).astype(np.int64) - n // 2
         by = corner - self._corner
         if by.any():
             self.odds = moved(self.odds, by, 0)
@@ -153,7 +153,8 @@ class DrivingLayer:
         low, high = np.clip(low, 0, n - 1), np.clip(high, 1, n)
         window = np.s_[low[0] : high[0], low[1] : high[1]]
         occupied, known = self._cells(window)
-        unseen = cv2.morphologyEx((~known).astype(np.uint8), cv2.MORPH_OPEN, np.ones((GRAIN, GRAIN), np.uint8))
+        grain = np.ones((GRAIN, GRAIN), np.uint8)
+        unseen = cv2.morphologyEx((~known).astype(np.uint8), cv2.MORPH_OPEN, grain)
         spots = np.where(occupied[:, :, None], self.spots[window], np.int8(0))
         return Field2.from_points(occupied | (unseen > 0), known, spots, self.origin_m + low * CELL_M, CELL_M)
 

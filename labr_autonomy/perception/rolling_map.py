@@ -31,6 +31,7 @@ OCCUPIED = 30
 FLOOR_BAND_M = 0.06  # lower than this above the floor nothing is in the way of a slice
 ON_WHEELS_M = 0.05  # no higher than this above its driving height, the robot is as inclined as the floor
 BELOW_FLOOR_CELLS = 2
+WALL_FROM_M = 0.8  # above the floor; what stands so high is taken to go on where nothing was seen
 HEADROOM_M = 0.6  # above the body origin, kept inside the box
 LAYER_OVERLAP_M = 0.02  # a layer counts for a height range when it overlaps it by more than this
 LAND_HEADROOM_M = 0.05  # added to the robot's height when it drives under something
@@ -213,8 +214,7 @@ class RollingMap:
         return self.driving.room(pose.position_m, half_m)
 
     def assume_free(self, pose: Pose, ring_m: float) -> None:
-        """Take the floor about a robot for free, though the camera cannot see it: it was put there, or came
-        down there.
+        """Take the floor about a robot for free that the camera cannot see: it was put, or came down, there.
 
         Args:
             pose: Body in odom, on its wheels.
@@ -228,7 +228,7 @@ class RollingMap:
         """Distance to what would hinder a robot that drove at some height, as for flying at it.
 
         Known is a column where an obstacle was seen, or whose lowest layer and most of the others up to
-        the robot's height were seen free.
+        the robot's height were seen free. What stands as high as a wall and was not seen to end goes on.
 
         Args:
             pose: Body in odom; places the box when nothing has been seen yet.
@@ -240,6 +240,17 @@ class RollingMap:
         body = self._config.body
         top_m = floor_z_m + body.below_m + body.above_m + LAND_HEADROOM_M
         low, high = self._layers(floor_z_m + FLOOR_BAND_M, top_m)
+        occupied, known = columns(self.log_odds, low, high, OCCUPIED)
+        wall, _ = self._layers(self.floor_z_m + WALL_FROM_M, top_m)
+        if wall < low:
+            occupied |= columns(self.log_odds, wall, low, OCCUPIED)[0] & ~known
+            known |= occupied
+        return Field2.from_occupied(occupied, known, self.origin_m[:2], self.cell_m)
+
+    def column_field(self, z_from_m: float, z_to_m: float) -> Field2:
+        """Distance to whatever was seen between two heights (odom), for judging columns of many places."""
+        self._require_place()
+        low, high = self._layers(z_from_m, z_to_m)
         occupied, known = columns(self.log_odds, low, high, OCCUPIED)
         return Field2.from_occupied(occupied, known, self.origin_m[:2], self.cell_m)
 

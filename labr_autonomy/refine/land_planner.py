@@ -31,7 +31,8 @@ from labr_autonomy.types import Array, Mode, Source, Trajectory
 TURN_CLOSE_RAD = math.radians(25.0)  # close to the goal a unicycle has no room to swing in
 SLOW_MPS = 0.25
 SIDE_M = 0.03  # lateral error that is not worth a turn
-LOOK_TO_M, LOOK_RAD = 0.8, math.radians(12.0)  # along a path into the unknown; a smaller turn shows nothing new
+LOOK_TO_M = 0.8  # along a path into the unknown
+LOOK_RAD = math.radians(12.0)  # a smaller turn shows nothing new
 SEED_GIVE_M = 0.1  # a previous plan this much too close is still worth linearising at
 
 
@@ -96,7 +97,7 @@ class LandPlanner:
                 x, u = self._model.turn(x0, look)
                 verdict = task.judge(x, u)
                 if verdict.free:
-                    return give(x, u, verdict, Source.TURN, "looking where the path leads before it goes there")
+                    return give(x, u, verdict, Source.TURN, "looking where the path leads")
             return self._fallback(
                 task, state, call, f"the key points are blocked after {path.length_m:.1f} m"
             )
