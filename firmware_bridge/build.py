@@ -112,23 +112,20 @@ def host_library(
     coverage: bool = False,
     core: Path = CORE,
     parameters: Parameters | None = None,
-    quick: bool = False,
 ) -> Path:
     """The core as a shared library for this computer, stopping at undefined behaviour.
 
     Args:
         coverage: Count lines and branches for gcov instead of watching for undefined behaviour.
-        core: Sources; the mutation run names a changed copy.
+        core: Sources; a test names a changed copy.
         parameters: As flashed; the default robot's when left out.
-        quick: Neither warnings nor checks for undefined behaviour; for the mutation run.
 
     Raises:
         Refused: There is no gcc.
     """
     include = headers(parameters or Parameters.of(RobotConfig()))
     sources = [*sorted(core.glob("*.c")), HOST / "land_host.c"]
-    checks = COVERAGE if coverage else SANITIZE
-    flags = [*(("-std=c11", "-w", "-O0") if quick else (*WARNINGS, "-g", "-O1", *checks)), "-fPIC", "-shared"]
+    flags = [*WARNINGS, "-g", "-O1", "-fPIC", "-shared", *(COVERAGE if coverage else SANITIZE)]
     return _compiled("host", "gcc", sources, flags, [core, include], "libland.so", ["-lm"])
 
 

@@ -14,6 +14,7 @@ import random
 import re
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -24,7 +25,9 @@ from firmware_bridge import build
 from firmware_bridge.coverage import FILES
 from firmware_bridge.coverage import TESTS as TESTS_FOLDER
 from firmware_bridge.host.library import LIBRARY_VARIABLE
+from firmware_bridge.parameters import Parameters
 from labr_autonomy.clock import SystemClock, pause_s
+from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import BadInput, ExitCode, LabrError
 
 KNOWN = build.HERE / "mutants_known.txt"
@@ -125,15 +128,56 @@ def known() -> dict[str, str]:
     return rows
 
 
+def _compile(folder: Path, *arguments: str) -> None:
+    """Run gcc in `folder` as quickly as it goes: no optimisation, no warnings.
+
+    Raises:
+        BadInput: It refused.
+    """
+    include = build.headers(Parameters.of(RobotConfig()))
+    paths = [f"-I{build.CORE}", f"-I{include}", f"-isystem{include / 'mavlink'}"]
+    command = ["gcc", "-std=c11", "-w", "-O0", "-fPIC", *arguments, *paths]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise BadInput(f"gcc refused the core: {done.stderr.strip()[-500:]}")
+
+
+def _compile_all(scratch: Path) -> None:
+    """Objects of the core as it is, for mutants that change one file only.
+
+    Raises:
+        Refused: There is no gcc.
+        BadInput: It refused the core.
+    """
+    build.host_library()  # says so where there is no gcc
+    sources = [*sorted(build.CORE.glob("*.c")), build.HOST / "land_host.c"]
+    _compile(scratch, "-c", *(str(p) for p in sources))
+
+
+def _mutated(mutant: Mutant, scratch: Path) -> Path:
+    """The library with one change.
+
+    Raises:
+        BadInput: It does not compile.
+    """
+    own = scratch / f"core-{os.getpid()}"
+    shutil.copytree(build.CORE, own)
+    lines = (own / mutant.file).read_text(encoding="utf-8").splitlines()
+    lines[mutant.line - 1] = mutant.new
+    (own / mutant.file).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    if mutant.file.endswith(".c"):
+        name = mutant.file.removesuffix(".c") + ".o"
+        parts = [str(own / mutant.file), *(str(p) for p in scratch.glob("*.o") if p.name != name)]
+    else:  # the copy's headers come first, for they lie beside its sources
+        parts = [f"-I{own}", *(str(p) for p in own.glob("*.c")), str(build.HOST / "land_host.c")]
+    _compile(own, "-shared", *parts, "-o", "libland.so", "-lm")
+    return own / "libland.so"
+
+
 def _judge(mutant: Mutant, scratch: Path) -> int:
     """In a process of its own: 0 if all tests pass on the mutant, NO_MUTANT if it does not compile."""
-    core = scratch / f"core-{os.getpid()}"
-    shutil.copytree(build.CORE, core)
-    lines = (core / mutant.file).read_text(encoding="utf-8").splitlines()
-    lines[mutant.line - 1] = mutant.new
-    (core / mutant.file).write_text("\n".join(lines) + "\n", encoding="utf-8")
     try:
-        library = build.host_library(core=core, quick=True)
+        library = _mutated(mutant, scratch)
     except BadInput:
         return NO_MUTANT
     import pytest
@@ -143,7 +187,6 @@ def _judge(mutant: Mutant, scratch: Path) -> int:
         return int(pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-W", "ignore", *TESTS]))
     finally:
         shutil.rmtree(library.parent, ignore_errors=True)
-        shutil.rmtree(core, ignore_errors=True)
 
 
 def _start(mutant: Mutant, scratch: Path) -> int:
@@ -197,16 +240,20 @@ def main(argv: list[str] | None = None) -> int:
         chosen = random.Random(arguments.seed).sample(chosen, arguments.sample)
     for module in WARM:
         importlib.import_module(module)
-    try:
-        build.host_library(quick=True)
-    except LabrError as error:
-        sys.stderr.write(f"{error}\n")
-        return int(error.exit_code)
-    if not _unchanged_passes(chosen[0]):
-        sys.stderr.write("the tests fail on the core as it is; mend that first\n")
-        return int(ExitCode.REFUSED)
     understood = known()
-    real, survivors = _run(chosen, arguments.jobs, understood)
+    with tempfile.TemporaryDirectory() as folder:
+        scratch = Path(folder)
+        try:
+            _compile_all(scratch)
+        except LabrError as error:
+            sys.stderr.write(f"{error}\n")
+            return int(error.exit_code)
+        # Where the unchanged core fails, every mutant would seem noticed.
+        nothing = replace(chosen[0], new=chosen[0].old)
+        if [code for _, code in verdicts([nothing], 1, scratch)] != [0]:
+            sys.stderr.write("the tests fail on the core as it is; mend that first\n")
+            return int(ExitCode.REFUSED)
+        real, survivors = _run(chosen, arguments.jobs, understood, scratch)
     unknown = [m for m in survivors if m.key not in understood]
     sys.stdout.write(
         f"{real} mutants, {real - len(survivors)} noticed, {len(survivors)} survived, "
@@ -215,27 +262,20 @@ def main(argv: list[str] | None = None) -> int:
     return int(ExitCode.EXPECTATION_MISSED if unknown else ExitCode.DONE)
 
 
-def _unchanged_passes(mutant: Mutant) -> bool:
-    """Whether a judge lets the core pass when nothing is changed; else every mutant would seem noticed."""
-    nothing = replace(mutant, new=mutant.old)
-    with tempfile.TemporaryDirectory() as folder:
-        ((_, code),) = verdicts([nothing], 1, Path(folder))
-    return code == 0
-
-
-def _run(chosen: Sequence[Mutant], jobs: int, understood: dict[str, str]) -> tuple[int, list[Mutant]]:
+def _run(
+    chosen: Sequence[Mutant], jobs: int, understood: dict[str, str], scratch: Path
+) -> tuple[int, list[Mutant]]:
     """How many mutants there were, and which survived."""
     survivors, real = [], 0
-    with tempfile.TemporaryDirectory() as folder:
-        for done, (mutant, code) in enumerate(verdicts(chosen, jobs, Path(folder)), start=1):
-            real += code != NO_MUTANT
-            if code == 0:
-                survivors.append(mutant)
-                reason = understood.get(mutant.key, "not understood")
-                sys.stdout.write(f"survived, line {mutant.line}: {mutant.key}  ({reason})\n")
-                sys.stdout.flush()
-            if done % 20 == 0 or done == len(chosen):
-                sys.stderr.write(f"{done} of {len(chosen)}, {len(survivors)} survived\n")
+    for done, (mutant, code) in enumerate(verdicts(chosen, jobs, scratch), start=1):
+        real += code != NO_MUTANT
+        if code == 0:
+            survivors.append(mutant)
+            reason = understood.get(mutant.key, "not understood")
+            sys.stdout.write(f"survived, line {mutant.line}: {mutant.key}  ({reason})\n")
+            sys.stdout.flush()
+        if done % 20 == 0 or done == len(chosen):
+            sys.stderr.write(f"{done} of {len(chosen)}, {len(survivors)} survived\n")
     return real, survivors
 
 

@@ -39,7 +39,6 @@ size_t land_link_take(land_link *l, uint8_t *out, size_t room) {
 
 bool land_link_accept(land_link *l, const uint8_t *frame) {
     if (frame[5] != LAND_SYSTEM || frame[6] != LAND_COMPUTER) {
-        l->rx_foreign++;
         return false;
     }
     if (l->rx_known) {

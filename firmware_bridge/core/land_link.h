@@ -21,7 +21,6 @@ typedef struct {
     uint8_t tx_sequence;
     uint32_t rx_good;
     uint32_t rx_lost;  // missing by sequence number
-    uint32_t rx_foreign;
     bool rx_known;
     uint8_t rx_next;
 } land_link;  // all zero is one over which nothing went

@@ -76,15 +76,17 @@ def edited(frame: bytes, at: int, value: int) -> bytes:
 
 @pytest.mark.parametrize(
     ("at", "value"),
-    [(1, 0), (1, 3), (2, 1), (8, 0), (-1, None), (-2, None)],
+    [(1, 0), (1, 60), (2, 1), (8, 0), (-1, None), (-2, None)],
     ids=["no payload", "longer than its message", "signed", "unknown message", "checksum", "checksum low"],
 )
 def test_a_frame_that_cannot_be_one_is_skipped_and_the_next_is_found(core, at, value):
     core.hello()
     frame = core.mouth.encode(wire.MAVLink_land_estop_message(7))
-    core.raw(edited(frame, at, frame[at] ^ 0x55 if value is None else value))
+    wrong = edited(frame, at, frame[at] ^ 0x55 if value is None else value)
+    core.raw(wrong)
     assert core.state().mode == wire.LAND_MODE_IDLE
-    core.say(wire.MAVLink_land_estop_message(8))
+    core.raw(b"\x00")  # after the gap: nothing of it is left
+    core.raw(wrong + core.mouth.encode(wire.MAVLink_land_estop_message(8)))
     assert core.state().mode == wire.LAND_MODE_ESTOP
 
 
