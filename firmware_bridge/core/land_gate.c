@@ -1,7 +1,6 @@
 #include "land_gate.h"
 
 #include <math.h>
-#include <string.h>
 
 #include "land_faults.h"
 
@@ -36,12 +35,10 @@ static bool alive(const land_gate *g, uint32_t now_ms) {
 }
 
 void land_gate_init(land_gate *g, uint32_t boot_count, bool estop) {
-    memset(g, 0, sizeof *g);
     g->boot_count = boot_count;
     g->estop = estop;
     g->rotors = true;  // unknown until the first tick: assume the worse
     g->drive.braked = true;
-    g->last_result = LAND_RESULT_OK;
 }
 
 bool land_gate_session_is(const land_gate *g, uint32_t session) {

@@ -56,7 +56,7 @@ typedef struct {
     land_measure measure;
 } land_gate;
 
-// Only boot count and emergency stop outlive a reset.
+// Only boot count and emergency stop outlive a reset; `g` is all zero before.
 void land_gate_init(land_gate *g, uint32_t boot_count, bool estop);
 
 void land_gate_hello(land_gate *g, uint32_t nonce, uint16_t protocol, uint32_t dialect_hash, uint32_t now_ms);

@@ -317,3 +317,39 @@ def test_the_current_may_be_at_its_limit_for_ever_and_above_it_for_600_ms(core, 
             assert core.now - begun == after_ms
             return
     assert after_ms is None
+
+
+@pytest.mark.parametrize(
+    ("silent_ms", "result"), [(1000, wire.LAND_RESULT_OK), (1001, wire.LAND_RESULT_HEARTBEAT)]
+)
+def test_a_heartbeat_lasts_a_second(core, silent_ms, result):
+    core.hello()
+    core.say(wire.MAVLink_land_heartbeat_message(core.session, 0, 0, 1))
+    core.velocity()
+    core.now += silent_ms
+    core.velocity(300, 1)
+    assert core.state().last_result == result
+
+
+@pytest.mark.parametrize(
+    ("ahead_ms", "result"), [(250, 0), (251, wire.LAND_RESULT_LATE), (1, 0), (0, wire.LAND_RESULT_LATE)]
+)
+def test_a_deadline_lies_ahead_but_not_far(core, ahead_ms, result):
+    core.hello()
+    core.say(wire.MAVLink_land_velocity_message(core.session, core.now + ahead_ms, 0, 0, 1, 0))
+    assert core.state().last_result == result
+
+
+def test_a_command_drives_up_to_its_deadline_and_up_to_200_ms(core):
+    for ahead_ms, until_ms in ((100, 100), (240, 200)):
+        core.hello()
+        core.velocity()
+        core.step(4)
+        said = core.now
+        core.sequence += 1
+        core.say(wire.MAVLink_land_velocity_message(core.session, said + ahead_ms, 300, 0, core.sequence, 1))
+        core.step(1)
+        while not core.duty.braked:
+            driven = core.now
+            core.step(1)
+        assert driven - said == until_ms
