@@ -353,3 +353,37 @@ def test_a_command_drives_up_to_its_deadline_and_up_to_200_ms(core):
             driven = core.now
             core.step(1)
         assert driven - said == until_ms
+
+
+def test_the_same_sequence_again_is_refused_and_half_a_turn_ahead_is_old(core):
+    core.hello()
+    for sequence, result in (
+        (7, 0),
+        (7, wire.LAND_RESULT_SEQUENCE),
+        (7 + 32768, wire.LAND_RESULT_SEQUENCE),
+        (7 + 32767, 0),
+    ):
+        message = wire.MAVLink_land_velocity_message(core.session, core.now + 200, 0, 0, sequence, 0)
+        core.say(message)
+        assert core.state().last_result == result
+
+
+def test_a_token_is_of_its_session(core):
+    core.hello()
+    core.say(wire.MAVLink_land_estop_message(1))
+    core.say(wire.MAVLink_land_estop_release_message(core.session, 0, 1, 1))
+    token = next(m.token for m in core.step() if m.get_type() == "LAND_ACK" and m.token)
+    core.say(wire.MAVLink_land_hello_message(2, wire.DIALECT_HASH, wire.PROTOCOL))
+    core.session = next(m.session for m in core.step() if m.get_type() == "LAND_IDENTITY")
+    core.say(wire.MAVLink_land_estop_release_message(core.session, token, 2, 2))
+    assert core.state().mode == wire.LAND_MODE_ESTOP
+
+
+def test_a_new_stop_spends_the_token_of_the_last(core):
+    core.hello()
+    core.say(wire.MAVLink_land_estop_message(1))
+    core.say(wire.MAVLink_land_estop_release_message(core.session, 0, 1, 1))
+    token = next(m.token for m in core.step() if m.get_type() == "LAND_ACK" and m.token)
+    core.say(wire.MAVLink_land_estop_message(2))
+    core.say(wire.MAVLink_land_estop_release_message(core.session, token, 2, 2))
+    assert core.state().mode == wire.LAND_MODE_ESTOP
