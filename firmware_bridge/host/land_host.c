@@ -10,6 +10,8 @@ void land_host_free(land_controller *c);
 size_t land_host_take(land_controller *c, uint8_t *out, size_t room);
 void land_host_step(land_controller *c, const land_inputs *inputs, uint32_t now_ms, land_outputs *out);
 bool land_host_would_move(const bool *holds);
+void land_host_wheel(
+    const land_controller *c, land_wheel *w, float target_mps, float measured_mps, float current_a, float dt_s);
 bool land_host_feeds_watchdog(land_controller *c, uint32_t parts);
 bool land_host_keeps(const land_controller *c, int index, float value);
 
@@ -57,6 +59,12 @@ bool land_host_would_move(const bool *holds) {
         .faults = holds[7] ? 0 : LAND_FAULT_WHEEL_STALL,
     };
     return land_gate_may_move(&g);
+}
+
+// One wheel by itself, with the controller's parameters.
+void land_host_wheel(
+    const land_controller *c, land_wheel *w, float target_mps, float measured_mps, float current_a, float dt_s) {
+    land_wheel_step(w, target_mps, measured_mps, current_a, &c->params, dt_s);
 }
 
 // Report these parts and ask whether the watchdog may be fed.

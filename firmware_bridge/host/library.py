@@ -36,6 +36,8 @@ void land_receive(land_controller *c, const uint8_t *bytes, size_t length, uint3
 void land_host_step(land_controller *c, const land_inputs *inputs, uint32_t now_ms, land_outputs *out);
 size_t land_host_take(land_controller *c, uint8_t *out, size_t room);
 bool land_host_would_move(const bool *holds);
+void land_host_wheel(const land_controller *c, land_wheel *w, float target, float measured, float current,
+                     float dt_s);
 void land_report_log(land_controller *c, uint8_t severity, const char *text);
 bool land_host_feeds_watchdog(land_controller *c, uint32_t parts);
 bool land_host_keeps(const land_controller *c, int index, float value);
@@ -135,6 +137,17 @@ class HostController:
     def log(self, severity: int, text: str) -> None:
         """Let it say something."""
         self._c.land_report_log(self._self, severity, text.encode())
+
+    def wheel(self, state: tuple[float, float, float], *step: float) -> tuple[float, float, float]:
+        """One wheel after a step: duty, integral and ceiling.
+
+        Args:
+            state: The same three before.
+            step: Target and measured speed [m/s], current [A], period [s].
+        """
+        w = self._ffi.new("land_wheel *", state)
+        self._c.land_host_wheel(self._self, w, *step)
+        return w.duty, w.integral, w.ceiling
 
     def feeds_watchdog(self, parts: int) -> bool:
         """Report these parts as alive; whether the watchdog may be fed now."""

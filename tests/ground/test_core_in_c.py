@@ -20,6 +20,7 @@ from firmware_bridge.link import COMPUTER, CONTROLLER, Link
 from firmware_bridge.parameters import RANGES
 from firmware_bridge.pins import Inputs
 from labr_autonomy.clock import pause_s
+from sim import land_wheels
 
 GROUND = Inputs(18.5, 2.0, True, False, 0, 0)
 HELLO = wire.MAVLink_land_hello_message(1, wire.DIALECT_HASH, wire.PROTOCOL)
@@ -175,6 +176,34 @@ def test_both_parsers_find_the_same_frames(library, noise, cuts):
     there.close()
     counted = here.counters
     assert (state.rx_good, state.rx_bad, state.rx_lost) == (counted.good, counted.bad_crc, counted.lost)
+
+
+# Off every threshold, where the last bit of a float would decide.
+SPEEDS = st.integers(-1250, 1250).map(lambda n: 1e-3 * n + 0.00037) | st.just(0.0)
+AMPS = st.integers(-140, 140).map(lambda n: 0.1 * n + 0.037)
+STEPS = st.tuples(SPEEDS, SPEEDS, AMPS, st.sampled_from((0.001, 0.004, 0.040)))
+
+
+@given(st.lists(STEPS, max_size=40))
+@settings(max_examples=200, deadline=None)
+def test_a_wheel_is_held_as_python_holds_it(library, steps):
+    with HostController(library) as core:
+        twin, wheel = land_wheels.Wheel(), (0.0, 0.0, 1.0)
+        for target, measured, amps, dt_s in steps:
+            twin = land_wheels.step(twin, target, measured, amps, PARAMETERS, dt_s)
+            wheel = core.wheel(wheel, target, measured, amps, dt_s)
+            assert wheel == pytest.approx(tuple(twin), abs=2e-4)
+
+
+@pytest.mark.parametrize(("over_a", "duty"), [(2.0, 0.9 - 4.0 * 2.0 * 0.004), (0.0, 0.9)])
+def test_duty_yields_to_current_and_comes_back(library, over_a, duty):
+    limit = PARAMETERS.wheel_current
+    with HostController(library) as core:
+        after = core.wheel((0.9, 0.0, 1.0), 1.0, 0.0, -(limit + over_a), 0.004)
+        assert after[0] == pytest.approx(duty if over_a else 1.0)
+        back = core.wheel(after, 1.0, 0.0, limit, 0.010)
+        assert back[2] == pytest.approx(min(1.0, after[2] + 2.0 * 0.010))
+        assert core.wheel((0.5, 0.3, 1.0), 0.0, 0.0, 0.0, 0.004)[:2] == (0.0, 0.0)
 
 
 # -- the promise that matters ------------------------------------------------------------------------------
