@@ -35,6 +35,8 @@ from sim.autopilot.link import AutopilotStandIn
 from sim.camera.process import CameraSpec
 from sim.firmware.controller import EmulatedController
 from sim.land_controller import LandController
+from sim.movers.crowd import Crowd
+from sim.movers.place import movers_for
 from sim.plant import STEP_S, Plant, WheelDrive, WheelDuty
 from sim.pose_slot import PoseSlotWriter
 from sim.referee import Referee
@@ -96,7 +98,11 @@ class Simulator:
         self.surface = Surface(self._world, self.robot.body)
         disturbances = spec.drawn()
         self.plant = Plant(self.robot, self.surface, spec.start, spec.seed, disturbances)
-        self.referee = Referee()
+        movers = movers_for(spec.movers, spec.seed, spec.ask_m, self._world, self.surface, self.robot)
+        if len(movers) < spec.movers:
+            log.warning("only %d of %d movers fit beside the way", len(movers), spec.movers)
+        self._crowd = Crowd(movers, self.robot) if movers else None
+        self.referee = Referee(crowd=self._crowd)
         self._vio = VioStandIn(spec.seed, disturbances.vio)
         self._vio_remote = udp_address(links.vio)
         self._vio_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -107,7 +113,7 @@ class Simulator:
             self.robot, udp_address("udp://" + links.air.split("://")[1]), spec.seed
         )
         self._land = _land_controller(spec.ground, self.robot, self._clock, spec.seed, Path(links.ground))
-        self._pose_slot = PoseSlotWriter(f"{tag}_pose")
+        self._pose_slot = PoseSlotWriter(f"{tag}_pose", len(movers))
         self._camera_spec = CameraSpec(
             world=self._world.spec,
             pose_slot=f"{tag}_pose",
@@ -115,6 +121,7 @@ class Simulator:
             camera=self.robot.camera,
             seed=spec.seed,
             parent_pid=os.getpid(),
+            movers=tuple(mover.as_dict() for mover in movers),
         )
         self._camera: subprocess.Popen[bytes] | None = None
         self.stop = asyncio.Event()
@@ -137,7 +144,8 @@ class Simulator:
 
     def _publish_pose(self, now_s: float) -> None:
         state = self.plant.state
-        self._pose_slot.write(now_s, Pose(state.position_m, state.quaternion))
+        along_m = self._crowd.along_m if self._crowd is not None else ()
+        self._pose_slot.write(now_s, Pose(state.position_m, state.quaternion), along_m)
 
     def _step(self, now_s: float) -> None:
         plant = self.plant
@@ -147,6 +155,8 @@ class Simulator:
             plant.step(motors, WheelDuty(targets.left, targets.right, targets.braked))
         else:
             plant.step(motors, WheelDrive(targets.left_mps, targets.right_mps, targets.braked))
+        if self._crowd is not None:
+            self._crowd.watch(STEP_S, plant.state)
         self.referee.watch(now_s, plant)
         self._publish_pose(now_s)
         self._see(now_s)

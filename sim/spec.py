@@ -27,6 +27,7 @@ class SimSpec:
     robot: RobotConfig = field(default_factory=RobotConfig)
     die_with_parent: bool = True
     ground: str = "twin"  # which land controller: the Python twin, or "qemu" for the firmware in an emulator
+    movers: int = 0  # people and boxes that walk across the likely way
     disturbances: dict[str, Any] | None = None  # as `Disturbances.from_dict` reads it; the world's usual ones
 
     def drawn(self) -> Disturbances:

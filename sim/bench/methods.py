@@ -27,6 +27,7 @@ class Method:
     sentence: str  # for people who read a table
     sees: bool = True  # it is shown the camera's images
     true_pose: bool = False  # it is given the true pose, without noise, drift or delay
+    meets_movers: bool = True  # a task's movers are in its world
 
     def suits(self, in_air: bool) -> bool:
         """Whether it is sent to a goal of this kind."""
@@ -62,9 +63,30 @@ METHODS: dict[str, Method] = {
             "oracle",
             land_only=False,
             sentence="knows the whole world and takes the route of least energy: what the task costs at "
-            "best; a task that it does not reach is not counted for the others",
+            "best; a task that it does not reach is not counted for the others; it flies without movers",
             sees=False,
             true_pose=True,
+            meets_movers=False,
+        ),
+    )
+}
+
+
+# The flight's planner with one part taken out: what each part buys. Flown only where named.
+ABLATIONS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        Method(
+            "no-network",
+            "ours, map alone",
+            land_only=False,
+            sentence="ours without the network: the map's ways alone, refined as ever",
+        ),
+        Method(
+            "no-memory",
+            "ours, no memory",
+            land_only=False,
+            sentence="ours with the rolling map alone: what leaves its 20 m is forgotten",
         ),
     )
 }
@@ -82,11 +104,12 @@ def find_methods(names: str) -> list[Method]:
     if asked == ["all"]:
         return list(METHODS.values())
     networks = [name for name in asked if is_network(name)]
-    unknown = sorted(set(asked) - METHODS.keys() - set(networks))
+    unknown = sorted(set(asked) - METHODS.keys() - ABLATIONS.keys() - set(networks))
     if unknown or not asked:
         what = f"there is no method '{unknown[0]}'" if unknown else "no method is named"
-        raise BadInput(what, f"Take {', '.join(METHODS)}, {HOW}, several with commas, or all")
-    return [*(m for m in METHODS.values() if m.name in asked), *(_network(name) for name in networks)]
+        raise BadInput(what, f"Take {', '.join(METHODS | ABLATIONS)}, {HOW}, several with commas, or all")
+    known = (*METHODS.values(), *ABLATIONS.values())
+    return [*(m for m in known if m.name in asked), *(_network(name) for name in networks)]
 
 
 def find_method(name: str) -> Method:
@@ -97,9 +120,10 @@ def find_method(name: str) -> Method:
     """
     if is_network(name):
         return _network(name)
-    if name not in METHODS:
-        raise BadInput(f"there is no method '{name}'", f"Take one of {', '.join(METHODS)}, {HOW}")
-    return METHODS[name]
+    known = METHODS | ABLATIONS
+    if name not in known:
+        raise BadInput(f"there is no method '{name}'", f"Take one of {', '.join(known)}, {HOW}")
+    return known[name]
 
 
 def in_order(names: Iterable[str]) -> list[str]:
@@ -128,10 +152,10 @@ def make_planner(name: str, config: RobotConfig, task: Task) -> Planner:
         config: The robot.
         task: Only the oracle may look at it.
     """
-    if name == "two-stage":
+    if name == "two-stage" or name in ABLATIONS:
         from labr_autonomy.planner.pipeline import Pipeline
 
-        return Pipeline(config)
+        return Pipeline(config, network=name != "no-network", memory=name != "no-memory")
     if name == "iplanner":
         from sim.bench.iplanner.planner import IPlannerPlanner
 

@@ -122,7 +122,7 @@ def test_a_path_with_mu_of_one_half_is_not_used(eye, pipeline, monkeypatch):
     robot = Ideal(START)
     frame = DepthFrame(1, 0.0, eye.look(robot.pose), CONFIG.camera.intrinsics)
     points = np.linspace([0.4, 0.0, 0.0], [2.0, 0.0, 0.0], 5)
-    monkeypatch.setattr(pipeline._network, "predict", lambda *_: (points, 0.5, 0.001))
+    monkeypatch.setattr(pipeline._first._network, "predict", lambda *_: (points, 0.5, 0.001))
     result = pipeline.cycle(robot.request(1, 1.0, Mode.LAND, LAND_GOAL, False), frame)
     assert result.followed is None or result.followed.source is not Source.GKPN
     assert "mu 0.50" in result.reason
@@ -134,3 +134,13 @@ def test_without_a_frame_the_network_is_not_used(pipeline):
     result = pipeline.cycle(robot.request(1, 1.0, Mode.LAND, LAND_GOAL, False), None)
     assert result.network.mu == 1.0
     assert result.followed is None or result.followed.source is Source.SEARCH
+
+
+def test_without_the_network_the_map_alone_leads(eye):
+    robot = Ideal(START)
+    frame = DepthFrame(1, 0.0, eye.look(robot.pose), CONFIG.camera.intrinsics)
+    request = robot.request(1, 0.0, Mode.LAND, LAND_GOAL, False)
+    result = Pipeline(CONFIG, network=False, memory=False).cycle(request, frame)
+    assert result.network.mu == 1.0
+    assert result.followed is not None
+    assert result.followed.source is Source.SEARCH
