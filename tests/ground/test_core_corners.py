@@ -76,8 +76,17 @@ def edited(frame: bytes, at: int, value: int) -> bytes:
 
 @pytest.mark.parametrize(
     ("at", "value"),
-    [(1, 0), (1, 60), (2, 1), (8, 0), (-1, None), (-2, None)],
-    ids=["no payload", "longer than its message", "signed", "unknown message", "checksum", "checksum low"],
+    [(0, 0xFE), (0, 0x12), (1, 0), (1, 60), (2, 1), (8, 0), (-1, None), (-2, None)],
+    ids=[
+        "MAVLink 1",
+        "no start",
+        "no payload",
+        "longer than its message",
+        "signed",
+        "unknown message",
+        "checksum",
+        "checksum low",
+    ],
 )
 def test_a_frame_that_cannot_be_one_is_skipped_and_the_next_is_found(core, at, value):
     core.hello()

@@ -206,6 +206,14 @@ def test_duty_yields_to_current_and_comes_back(library, over_a, duty):
         assert core.wheel((0.5, 0.3, 1.0), 0.0, 0.0, 0.0, 0.004)[:2] == (0.0, 0.0)
 
 
+def test_at_its_limit_the_integral_unwinds_and_does_not_wind_up(library):
+    with HostController(library) as core:
+        for measured, change in ((1.1, -0.1 * PARAMETERS.gain_i * 0.004), (0.9, 0.0)):
+            duty, integral, _ = core.wheel((1.0, 1.5, 1.0), 1.0, measured, 0.0, 0.004)
+            assert duty == 1.0
+            assert integral == pytest.approx(1.5 + change, abs=1e-6)
+
+
 # -- the promise that matters ------------------------------------------------------------------------------
 
 DEADLINES = st.sampled_from((200, 90, 240, -5, 900))
