@@ -9,13 +9,14 @@ import logging
 import shutil
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from labr_autonomy.air.channel import AirChannel
+from labr_autonomy.air.watch import WatchAt
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.console.live import LiveLine
@@ -29,7 +30,7 @@ from labr_autonomy.mission.flight import Flight
 from labr_autonomy.mission.load import load_mission, load_robot
 from labr_autonomy.mission.pilot import Pilot
 from labr_autonomy.mission.schema import Mission
-from labr_autonomy.mission.simulator import SimulatorProcess
+from labr_autonomy.mission.simulator import External, SimulatorProcess
 from labr_autonomy.mission.steps import Status
 from labr_autonomy.processes import on_time
 from labr_autonomy.record.mcap_log import FlightLog
@@ -50,6 +51,16 @@ EXIT_CODES: dict[Outcome, ExitCode] = {
 
 
 @dataclass(frozen=True, slots=True)
+class Simulated:
+    """What a simulated flight is drawn from."""
+
+    seed: int
+    worlds_dir: Path | None
+    external: External | None
+    ground: str  # land controller: "twin" or "qemu"
+
+
+@dataclass(frozen=True, slots=True)
 class Ended:
     """How a flight ended."""
 
@@ -66,6 +77,9 @@ def fly(
     out_dir: Path | None,
     json_output: bool,
     quiet: bool,
+    external: External | None = None,
+    relocate: Callable[[Mission], Mission] | None = None,
+    watch: WatchAt | None = None,
     ground: str = "twin",
 ) -> int:
     """Carry out a mission and leave a run folder.
@@ -78,12 +92,17 @@ def fly(
         out_dir: Where run folders are made.
         json_output: Print summary.json to standard output at the end.
         quiet: No live line.
+        external: An autopilot that somebody else has started, flown in our simulated world.
+        relocate: Puts the mission into another world.
+        watch: A ground station that is shown the air link.
         ground: Land controller of the simulator: "twin", or "qemu" for the firmware in an emulator.
 
     Returns:
         Exit code (`labr_autonomy.errors.ExitCode`).
     """
     mission = load_mission(mission_path)
+    if relocate is not None:
+        mission = relocate(mission)
     robot = load_robot(robot_path) if robot_path is not None else RobotConfig()
     run_dir = make_run_folder(mission.name, out_dir)
     shutil.copyfile(mission_path, run_dir / "mission.yaml")
@@ -94,9 +113,10 @@ def fly(
         try:
             refuse(check_mission(mission, robot))
             if robot_path is not None:
-                summary = asyncio.run(_flight(mission, robot, run_dir, None, line))
+                summary = asyncio.run(_flight(mission, robot, run_dir, None, line, watch))
             else:
-                summary = _simulated(mission, robot, run_dir, used_seed or 0, worlds_dir, line, ground)
+                simulated = Simulated(used_seed or 0, worlds_dir, external, ground)
+                summary = _simulated(mission, robot, run_dir, simulated, line, watch)
         except LabrError as error:  # nothing has moved
             _leave(summarise.unmoved(mission.name, "refused", error.what, used_seed), run_dir, line)
             raise
@@ -129,16 +149,19 @@ def _simulated(
     mission: Mission,
     robot: RobotConfig,
     run_dir: Path,
-    seed: int,
-    worlds_dir: Path | None,
+    simulated: Simulated,
     line: LiveLine,
-    ground: str,
+    watch: WatchAt | None,
 ) -> Summary:
     """Fly in a simulator of its own, judged by its referee."""
-    line.say("simulator: building the world and starting the camera")
-    with SimulatorProcess(mission, robot, seed, worlds_dir, run_dir, ground=ground) as simulator:
+    seed, external = simulated.seed, simulated.external
+    also = "" if external is None else f", waiting for the autopilot on {external.url}"
+    line.say(f"simulator: building the world and starting the camera{also}")
+    with SimulatorProcess(
+        mission, robot, seed, simulated.worlds_dir, run_dir, external, ground=simulated.ground
+    ) as simulator:
         refuse(check_mission(mission, robot, clearance_at=simulator.clearance_at))
-        flown = asyncio.run(_flight(mission, load_robot(simulator.robot_path), run_dir, seed, line))
+        flown = asyncio.run(_flight(mission, load_robot(simulator.robot_path), run_dir, seed, line, watch))
     return summarise.with_truth(flown, run_dir)
 
 
@@ -153,12 +176,17 @@ def _first_reason(group: BaseExceptionGroup[BaseException]) -> str:
 
 
 async def _flight(
-    mission: Mission, robot: RobotConfig, run_dir: Path, seed: int | None, line: LiveLine
+    mission: Mission,
+    robot: RobotConfig,
+    run_dir: Path,
+    seed: int | None,
+    line: LiveLine,
+    watch: WatchAt | None,
 ) -> Summary:
     clock = SystemClock()
     robot = _limited(robot, mission)
     air_log, ground_log = Tlog(run_dir / "air.tlog"), Tlog(run_dir / "ground.tlog")
-    air = AirChannel(robot.links.air, robot, clock, air_log)
+    air = AirChannel(robot.links.air, robot, clock, air_log, watch)
     ground = GroundChannel(robot.links.ground, robot.links.ground_baud, robot, clock, ground_log)
     with contextlib.ExitStack() as files:
         files.callback(air_log.close)
