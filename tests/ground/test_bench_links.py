@@ -21,17 +21,20 @@ def test_percentiles_and_losses():
 
 
 @pytest.mark.sitl
-@pytest.mark.parametrize("which", ["twin", "qemu"])
-def test_links_are_measured_and_the_load_is_stated(which):
+@pytest.mark.parametrize(("channel", "which"), [("ground", "twin"), ("ground", "qemu"), ("air", "px4")])
+def test_links_are_measured_and_the_load_is_stated(channel, which):
     if which == "qemu":
         need("arm-none-eabi-gcc", "qemu-system-arm")
-    done = CliRunner().invoke(main, ["bench", "links", "--ground", which, "--seconds", "1.5", "--json"])
+    done = CliRunner().invoke(main, ["bench", "links", f"--{channel}", which, "--seconds", "1.5", "--json"])
     assert done.exit_code == 0, done.output
     answer = json.loads(done.stdout)
     rows = {r["figure"]: r for r in answer["rows"]}
-    assert set(rows) == {"round trip", "set-point to motors"}
+    assert set(rows) == {
+        "round trip",
+        "set-point to motors" if channel == "ground" else "set-point to socket",
+    }
     for r in rows.values():
-        assert (r["channel"], r["endpoint"]) == ("ground", which)
+        assert (r["channel"], r["endpoint"]) == (channel, which)
         assert r["n"] > 5
         assert 0.0 < r["p50_ms"] <= r["p99_ms"] <= r["max_ms"]
     assert answer["load"]["cores"] >= 1
