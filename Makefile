@@ -1,6 +1,7 @@
 # make fly    makes a virtual environment, installs, and flies the first mission in the simulator
 # make test   installs what the tests need as well and runs them all
 # make lint   formatting, lint rules and types
+# make firmware   the land controller's image for the STM32, see firmware_bridge/README.md
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -8,7 +9,7 @@ BIN := $(VENV)/bin
 # Name a CPU build where the index offers none by itself; see README, "Training"
 TORCH ?= torch==2.13.0
 
-.PHONY: fly house test lint dialect clean
+.PHONY: fly house test lint dialect firmware firmware-coverage firmware-fuzz firmware-mutants clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -43,6 +44,18 @@ lint: $(VENV)/installed-lint
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+firmware: $(VENV)/installed
+	$(BIN)/python -m firmware_bridge.build $(ARGS)
+
+firmware-coverage: $(VENV)/installed-test
+	$(BIN)/python -m firmware_bridge.coverage
+
+firmware-fuzz: $(VENV)/installed
+	$(BIN)/python -m firmware_bridge.fuzz $(ARGS)
+
+firmware-mutants: $(VENV)/installed-test
+	$(BIN)/python -m firmware_bridge.mutants $(ARGS)
 
 dialect: $(VENV)/installed
 	$(BIN)/python -m firmware_bridge.dialect.generate

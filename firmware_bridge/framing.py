@@ -9,7 +9,7 @@ A plain parser that meets a false start byte swallows up to 280 bytes, good fram
 2. the stream is idle for 20 ms: whatever waits for its end will not get one;
 3. a header that no message of the dialect can have is no header;
 4. a frame with a wrong checksum gives back all but its first byte, which are searched again.
-The same rules are meant for the C side; a buffer of one largest frame is enough for them.
+`core/land_frame.c` follows the same rules; a buffer of one largest frame is enough for them.
 """
 
 from __future__ import annotations
@@ -79,6 +79,8 @@ class Framer:
     def feed(self, data: bytes, now_s: float) -> list[Frame]:
         """Take `data`, received at `now_s` [s] on any monotonic scale."""
         frames: list[Frame] = []
+        if not data:
+            return frames  # nothing came: the stream stays idle
         gap_s = self._guards.idle_gap_s
         if gap_s is not None and self._last_s is not None and now_s - self._last_s >= gap_s:
             self._drain(frames)

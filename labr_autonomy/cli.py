@@ -22,6 +22,7 @@ from labr_autonomy.commands.doctor import doctor
 from labr_autonomy.commands.energy import energy
 from labr_autonomy.commands.params import params
 from labr_autonomy.commands.train import train
+from labr_autonomy.commands.wheels import wheels
 from labr_autonomy.errors import BadInput, ExitCode, LabrError
 
 if TYPE_CHECKING:
@@ -46,6 +47,12 @@ _robot = click.option(
 )
 _robot_body = click.option(
     "--robot", type=_file, metavar="FILE", help="robot.yaml with other masses and limits."
+)
+_ground = click.option(
+    "--ground",
+    type=click.Choice(["twin", "qemu"]),
+    default="twin",
+    help="Land controller of the simulator: its twin in Python, or the STM32's firmware in QEMU.",
 )
 
 
@@ -95,6 +102,7 @@ def main() -> None:
 @_worlds
 @_out
 @_json
+@_ground
 @click.option("--quiet", is_flag=True, help="No live line.")
 @click.option("--world", metavar="W", help="Another world: a family, a world file or a mesh.")
 @click.option(
@@ -116,6 +124,7 @@ def fly(
     worlds: Path | None,
     out: Path | None,
     as_json: bool,
+    ground: str,
     quiet: bool,
     world: str | None,
     air: str | None,
@@ -131,6 +140,8 @@ def fly(
     Ctrl-C once holds the robot where it is, twice brings it down and stops.
     """
     _must_exist(mission)
+    if robot is not None and ground != "twin":
+        raise BadInput("--ground is of the simulator", "Leave it out, or leave --robot out")
     if robot is not None and (air is not None or world is not None):
         raise BadInput("--air and --world are for the simulator", "Put links.air into robot.yaml instead")
     if truth is not None and air is None:
@@ -150,6 +161,7 @@ def fly(
         out_dir=out,
         json_output=as_json,
         quiet=quiet,
+        ground=ground,
         external=None if air is None else External(air, truth),
         relocate=None if world is None else lambda known: in_world(known, world, worlds),
         watch=None if watch is None else WatchAt.parse(watch, may_speak=watch_commands),
@@ -210,6 +222,7 @@ def check(
 @_seed
 @_worlds
 @_out
+@_ground
 @click.option("--family", metavar="F", help="A family of worlds: fly one trial of the benchmark in it.")
 @click.option("--world", type=_file, metavar="FILE.yaml", help="A mesh world: fly one trial in it.")
 @click.option(
@@ -226,6 +239,7 @@ def sim(
     seed: int | None,
     worlds: Path | None,
     out: Path | None,
+    ground: str,
     family: str | None,
     world: Path | None,
     method: str | None,
@@ -243,6 +257,8 @@ def sim(
     if sum(given is not None for given in (mission, family, world)) != 1:
         raise BadInput("sim takes one of MISSION, --family and --world", "Name exactly one of them")
     if mission is None:
+        if ground != "twin":
+            raise BadInput("--ground is of a MISSION; a trial is flown in lock-step", "Leave it out")
         from labr_autonomy.commands.replay import replay
 
         replay(
@@ -262,11 +278,16 @@ def sim(
         raise BadInput(
             "--method, --difficulty, --movers and --show are of a trial", "Name its --family or --world"
         )
-    _serve_simulator(mission, robot, seed, worlds, out)
+    _serve_simulator(mission, robot, seed, worlds, out, ground)
 
 
 def _serve_simulator(
-    mission: Path, robot: Path | None, seed: int | None, worlds: Path | None, out: Path | None
+    mission: Path,
+    robot: Path | None,
+    seed: int | None,
+    worlds: Path | None,
+    out: Path | None,
+    ground: str,
 ) -> None:
     from labr_autonomy.config import RobotConfig
     from labr_autonomy.mission.load import load_mission, load_robot
@@ -276,7 +297,7 @@ def _serve_simulator(
     loaded = load_mission(mission)
     vehicle = RobotConfig() if robot is None else load_robot(robot)
     used_seed = seed if seed is not None else loaded.sim.seed if loaded.sim else 0
-    spec = simulator_spec(loaded, vehicle, used_seed, worlds, die_with_parent=False)
+    spec = simulator_spec(loaded, vehicle, used_seed, worlds, die_with_parent=False, ground=ground)
     folder = make_run_folder(f"sim-{loaded.name}", out)
     spec_path = folder / "simulator.json"
     spec_path.write_text(json.dumps(spec, indent=1), encoding="utf-8")
@@ -295,6 +316,7 @@ main.add_command(doctor)
 main.add_command(energy)
 main.add_command(params)
 main.add_command(train)
+main.add_command(wheels)
 
 
 @main.command()

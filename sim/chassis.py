@@ -94,14 +94,20 @@ class Chassis:
             self._suspension.aim(target)
 
     def roll(
-        self, before: QuadState, left_mps: float, right_mps: float, braked: bool, clearance_m: float
+        self,
+        before: QuadState,
+        left: float,
+        right: float,
+        braked: bool,
+        clearance_m: float,
+        volts: float | None = None,
     ) -> QuadState:
-        """Advance by one step with wheel targets [m/s]; `clearance_m` is that of the state before."""
+        """Advance by one step with targets as for `Rover.step`; `clearance_m` is that of the state before."""
         dt = self._step_s
         plane = self.plane
         ahead = plane.east * math.cos(self.yaw_rad) + plane.north * math.sin(self.yaw_rad)
         level = 1.0 / math.sqrt(1.0 + ahead * ahead)
-        rolled = self._rover.step(dt, left_mps, right_mps, braked=braked, sine=ahead * level)
+        rolled = self._rover.step(dt, left, right, braked=braked, sine=ahead * level, volts=volts)
         v, w = rolled.v_mps, rolled.w_rps
         if plane.rise > FRICTION or self._slide_mps > 0.0:
             v, w = 0.0, 0.0  # what grip there is goes into the slide

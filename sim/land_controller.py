@@ -6,27 +6,24 @@ pulling the cable does; `reboot` what a reset does.
 
 from __future__ import annotations
 
-import contextlib
-import os
-import pty
-import termios
-import tty
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from firmware_bridge.dialect import labr_land as wire
 from firmware_bridge.link import CONTROLLER, Link, Message, text_of
+from firmware_bridge.parameters import Parameters
+from firmware_bridge.pins import Duty, Inputs, wrapped
+from firmware_bridge.version import FIRMWARE
 from labr_autonomy.clock import Clock
 from labr_autonomy.config import RobotConfig
 from sim import land_core as core
-from sim.land_core import Inputs
-from sim.land_params import Parameters
+from sim import land_wheels
+from sim.terminal import Terminal
 
 STATE_PERIOD_MS = 20
 HEARTBEAT_PERIOD_MS = 100
-READ_BYTES = 4096
-FIRMWARE = (1, 0, 0)
+STEP_MAX_S = 0.040  # a late step ramps no further than this
 CLOCK_ERROR_PPM = 40.0  # crystal of the controller against the computer's
 U16, U32 = 0xFFFF, 0xFFFFFFFF
 
@@ -54,8 +51,7 @@ class LandController:
         config: The robot; its limits become the firmware's parameters.
         clock: Tells when the controller boots; afterwards `step` tells the time.
         seed: For the serial number, the boot time and the error of its crystal.
-        link_path: Where to keep a symbolic link to the terminal, as udev does under /dev/serial/by-id, so
-            that the path survives unplugging.
+        link_path: See `Terminal`.
         protocol: Protocol version it claims; for tests of the handshake.
         dialect_hash: Dialect it claims; for tests of the handshake.
     """
@@ -72,6 +68,7 @@ class LandController:
     ) -> None:
         self.parameters = Parameters.of(config)
         self.state = core.State()
+        self.wheels = (land_wheels.Wheel(), land_wheels.Wheel())  # left, right
         self.dropped_frames = 0  # that found no reader
         self._protocol = protocol
         self._dialect_hash = dialect_hash
@@ -84,9 +81,7 @@ class LandController:
         self._due_heartbeat_ms = 0
         self._inputs = Inputs(0.0, 0.0, False, True, 0, 0)
         self._link = Link(CONTROLLER)
-        self._link_path = link_path
-        self._master: int | None = None
-        self._slave_path = ""
+        self._terminal = Terminal(link_path)
         self._handlers: dict[int, Callable[[Any], None]] = {
             wire.MAVLINK_MSG_ID_LAND_HELLO: self._on_hello,
             wire.MAVLINK_MSG_ID_LAND_HEARTBEAT: self._on_heartbeat,
@@ -97,60 +92,63 @@ class LandController:
             wire.MAVLINK_MSG_ID_LAND_ESTOP_RELEASE: self._on_release,
             wire.MAVLINK_MSG_ID_LAND_TIMESYNC: self._on_timesync,
         }
-        self.replug()
 
     @property
     def path(self) -> str:
         """Device path for the companion computer."""
-        return str(self._link_path) if self._link_path is not None else self._slave_path
+        return self._terminal.path
+
+    @property
+    def duty(self) -> Duty:
+        """What bare motors would get; the twin's own rover has motors with a speed controller."""
+        left, right = self.wheels
+        return Duty(left.duty, right.duty, self.state.drive.braked)
 
     def fileno(self) -> int:
         """Descriptor that becomes readable when the computer says something; -1 while unplugged."""
-        return -1 if self._master is None else self._master
+        return self._terminal.fileno()
 
     def step(self, now_s: float, inputs: Inputs) -> WheelTargets:
         """Read the wire, decide, report. Call it at 250 Hz, with the rover advanced to `now_s` before."""
         self._now_ms = self._milliseconds(now_s)
-        dt_s = 0.0 if self._last_s is None else max(0.0, now_s - self._last_s)
+        dt_s = 0.0 if self._last_s is None else min(max(0.0, now_s - self._last_s), STEP_MAX_S)
         self._last_s = now_s
         self._inputs = inputs
-        for received in self._link.feed(self._read(), now_s):
+        for received in self._link.feed(self._terminal.read(), now_s):
             handler = self._handlers.get(received.message.get_msgId())
             if handler is not None:
                 handler(received.message)
         self.state = core.tick(self.state, inputs, self.parameters, self._now_ms, dt_s)
+        self._turn_wheels(dt_s)
         self._report()
         drive = self.state.drive
         return WheelTargets(drive.left_mps, drive.right_mps, drive.braked)
 
+    def _turn_wheels(self, dt_s: float) -> None:
+        """Duty of both motors, for a plant that has bare ones."""
+        s, i, (left, right) = self.state, self._inputs, self.wheels
+        if s.drive.braked:
+            self.wheels = (land_wheels.Wheel(), land_wheels.Wheel())
+            return
+        self.wheels = (
+            land_wheels.step(left, s.drive.left_mps, s.left_mps, i.left_a, self.parameters, dt_s),
+            land_wheels.step(right, s.drive.right_mps, s.right_mps, i.right_a, self.parameters, dt_s),
+        )
+
     def unplug(self) -> None:
         """Pull the cable. The controller itself keeps its power."""
-        if self._master is not None:
-            os.close(self._master)
-            self._master = None
-        if self._link_path is not None:
-            self._link_path.unlink(missing_ok=True)
+        self._terminal.unplug()
 
     def replug(self) -> None:
         """Put the cable back; the kernel gives the terminal a new number."""
-        if self._master is not None:
-            return
-        self._master, slave = pty.openpty()
-        tty.setraw(slave, termios.TCSANOW)
-        self._slave_path = os.ttyname(slave)
-        os.close(slave)
-        os.set_blocking(self._master, False)
-        self._link.restart()
-        if self._link_path is not None:
-            fresh = self._link_path.with_name(self._link_path.name + ".new")
-            fresh.unlink(missing_ok=True)
-            fresh.symlink_to(self._slave_path)
-            fresh.replace(self._link_path)
+        if self._terminal.replug():
+            self._link.restart()
 
     def reboot(self, now_s: float) -> None:
         """Reset the processor; only the emergency stop and the boot count survive."""
         self.state = core.State(boot_count=self.state.boot_count + 1, estop=self.state.estop)
         self._boot_s = now_s
+        self.wheels = (land_wheels.Wheel(), land_wheels.Wheel())
         self._due_state_ms = self._due_heartbeat_ms = 0
         self._link.restart()
 
@@ -165,24 +163,10 @@ class LandController:
     def _milliseconds(self, now_s: float) -> int:
         return int((now_s - self._boot_s) * self._rate * 1000.0) & U32
 
-    def _read(self) -> bytes:
-        if self._master is None:
-            return b""
-        try:
-            return os.read(self._master, READ_BYTES)
-        except BlockingIOError:
-            return b""
-        except OSError:  # EIO: nobody has the other side open
-            return b""
-
     def _send(self, message: Message) -> None:
         frame = self._link.encode(message)
-        if self._master is None:
-            return
-        with contextlib.suppress(OSError):
-            if os.write(self._master, frame) == len(frame):
-                return
-        self.dropped_frames += 1
+        if self._terminal.plugged and self._terminal.write(frame) < len(frame):
+            self.dropped_frames += 1
 
     def _report(self) -> None:
         if core.ahead(self._now_ms, self._due_state_ms, 32) >= 0:
@@ -200,13 +184,17 @@ class LandController:
             age = min(core.NEVER_MS - 1, core.ahead(self._now_ms, s.accepted_ms, 32))
         return wire.MAVLink_land_state_message(
             time_ms=self._now_ms,
-            ticks_left=_wrapped(i.left_ticks),
-            ticks_right=_wrapped(i.right_ticks),
+            ticks_left=wrapped(i.left_ticks),
+            ticks_right=wrapped(i.right_ticks),
             v=_int16(500.0 * (s.left_mps + s.right_mps)),
             w=_int16(1000.0 * (s.right_mps - s.left_mps) / self.parameters.track),
             faults=s.faults,
             battery_mv=_uint16(1000.0 * i.battery_v),
             current_ma=_uint16(1000.0 * i.current_a),
+            current_left=_int16(1000.0 * i.left_a),
+            current_right=_int16(1000.0 * i.right_a),
+            duty_left=_int16(1000.0 * self.wheels[0].duty),
+            duty_right=_int16(1000.0 * self.wheels[1].duty),
             command_age=age,
             cmd_seq=s.sequence or 0,
             rx_good=counters.good & U16,
@@ -314,10 +302,6 @@ def _next_due(due_ms: int, now_ms: int, period_ms: int) -> int:
     """The next due time after now, on the grid of the old one; missed reports are skipped."""
     behind = core.ahead(now_ms, due_ms, 32)
     return (due_ms + (behind // period_ms + 1) * period_ms) & U32
-
-
-def _wrapped(ticks: int) -> int:
-    return core.ahead(ticks, 0, 32)
 
 
 def _int16(value: float) -> int:

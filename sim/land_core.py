@@ -1,6 +1,6 @@
 """The land controller's decisions: deny by default, no I/O, no clock, integer milliseconds.
 
-Written so that a C core can follow it line by line: one state, one function per message, one `tick`.
+`firmware_bridge/core/land_gate.c` follows it line by line: one state, one function per message, one `tick`.
 The wheels turn only while ALL of these hold: a session is open, the computer engaged by going through a
 disengaged command first, its heartbeat is alive, the last accepted command is at most 200 ms old and before
 its deadline, no emergency stop, no air lock, the wheels carry the robot, the rotors have no power, and no
@@ -12,7 +12,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from firmware_bridge.dialect import labr_land as wire
-from sim.land_params import Parameters
+from firmware_bridge.parameters import Parameters
+from firmware_bridge.pins import Inputs
 
 COMMAND_MS = 200  # watchdog of a velocity command
 DEADLINE_SLACK_MS = 50  # a deadline further ahead than COMMAND_MS + this comes from a wrong clock
@@ -27,18 +28,12 @@ NEVER_MS = 65535
 _CLEARED_BY_COMMAND = (
     wire.LAND_FAULT_COMMAND_TIMEOUT | wire.LAND_FAULT_COMMAND_REFUSED | wire.LAND_FAULT_HEARTBEAT_LOST
 )
-_LATCHED = wire.LAND_FAULT_WHEEL_STALL | wire.LAND_FAULT_WHEEL_RUNAWAY | wire.LAND_FAULT_OVERCURRENT
-
-
-class Inputs(NamedTuple):
-    """What the controller's pins tell it."""
-
-    battery_v: float
-    current_a: float
-    wheel_load: bool  # suspension switches: the wheels carry the weight
-    rotors_possible: bool  # the rotors' supply is on
-    left_ticks: int
-    right_ticks: int
+_LATCHED = (
+    wire.LAND_FAULT_WHEEL_STALL
+    | wire.LAND_FAULT_WHEEL_RUNAWAY
+    | wire.LAND_FAULT_OVERCURRENT
+    | wire.LAND_FAULT_DRIVER
+)
 
 
 class Command(NamedTuple):
@@ -235,6 +230,8 @@ def on_release(s: State, session: int, step: int, token: int, now_ms: int) -> tu
 def tick(s: State, i: Inputs, p: Parameters, now_ms: int, dt_s: float) -> State:
     """Advance by one period; `state.drive` is what the motors get. Call it at 250 Hz or faster."""
     s = _measure(s, i, p, now_ms)
+    if i.estop_pressed:
+        s = on_estop(s)
     s = _watch_computer(s, now_ms)
     s = _watch_wheels(s, i, p, now_ms)
     faults = s.faults & ~(wire.LAND_FAULT_BATTERY_LOW | wire.LAND_FAULT_ESTOP)
@@ -306,6 +303,7 @@ def _watch_wheels(s: State, i: Inputs, p: Parameters, now_ms: int) -> State:
         wire.LAND_FAULT_WHEEL_STALL * _lasted(stalled, now_ms)
         | wire.LAND_FAULT_WHEEL_RUNAWAY * _lasted(runaway, now_ms)
         | wire.LAND_FAULT_OVERCURRENT * _lasted(current, now_ms)
+        | wire.LAND_FAULT_DRIVER * i.driver_fault
     )
     since = (stalled, runaway, current)
     if lasted or since != (s.stalled_ms, s.runaway_ms, s.overcurrent_ms):

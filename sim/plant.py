@@ -9,13 +9,13 @@ from typing import Protocol
 
 import numpy as np
 
+from firmware_bridge.pins import Inputs
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import roll_pitch_of, yaw_of
 from labr_autonomy.types import Array
 from sim.battery import Battery
 from sim.chassis import Chassis
 from sim.disturbances import Disturbances, WindField
-from sim.land_core import Inputs
 from sim.quad.quad import CONTACT_M, Quad
 from sim.quad.state import QuadState
 from sim.rover import Rover
@@ -40,6 +40,15 @@ class WheelDrive:
 
     left_mps: float
     right_mps: float
+    braked: bool
+
+
+@dataclass(frozen=True, slots=True)
+class WheelDuty:
+    """What firmware without a speed-controlled motor behind it puts on the motors, [-1, 1]."""
+
+    left: float
+    right: float
     braked: bool
 
 
@@ -132,6 +141,8 @@ class Plant:
             rotors_possible=armed,
             left_ticks=rolled.left_ticks,
             right_ticks=rolled.right_ticks,
+            left_a=rolled.left_a,
+            right_a=rolled.right_a,
         )
 
     @property
@@ -146,20 +157,18 @@ class Plant:
             return 0.0
         return float(self.state.position_m[2]) - self._body.below_m - self._floor.z_m
 
-    def step(self, motors: Array | None, drive: WheelDrive) -> QuadState:
+    def step(self, motors: Array | None, drive: WheelDrive | WheelDuty) -> QuadState:
         """Advance by `STEP_S`.
 
         Args:
             motors: (4,) duty of the rotors, None while they are off.
-            drive: Wheel targets.
+            drive: Wheel targets, or duty of the wheels' motors.
         """
         if self._steps % NEAR_EVERY == 0 and not self.wind.still:
             self.quad.set_wind(self.wind.step(NEAR_EVERY * STEP_S))
         self._look_down()
         if motors is None and self.state.on_wheels:
-            self.state = self._chassis.roll(
-                self.state, drive.left_mps, drive.right_mps, drive.braked, self.clearance_m
-            )
+            self.state = self._roll(drive)
             self._floor = self._chassis.plane
         else:
             self._fly(motors, drive)
@@ -170,6 +179,13 @@ class Plant:
             self._look_around()
         self._steps += 1
         return self.state
+
+    def _roll(self, drive: WheelDrive | WheelDuty) -> QuadState:
+        if isinstance(drive, WheelDrive):
+            left, right, volts = drive.left_mps, drive.right_mps, None
+        else:
+            left, right, volts = drive.left, drive.right, self.battery.volts
+        return self._chassis.roll(self.state, left, right, drive.braked, self.clearance_m, volts)
 
     def _look_down(self) -> None:
         """Where the floor is: often under the wheels, seldom from high up."""
@@ -212,7 +228,7 @@ class Plant:
         self._duty = list(_STILL)
         self.state = replace(s, position_m=position_m, on_wheels=False)
 
-    def _fly(self, motors: Array | None, drive: WheelDrive) -> None:
+    def _fly(self, motors: Array | None, drive: WheelDrive | WheelDuty) -> None:
         if self.state.on_wheels:
             self._let_go(self._above_flat_floor())
         self.rover.step(STEP_S, 0.0, 0.0, braked=drive.braked)

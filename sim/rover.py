@@ -6,13 +6,15 @@ import math
 import random
 from dataclasses import dataclass
 
+from firmware_bridge.parameters import TICKS_PER_M
 from labr_autonomy.config import RobotConfig
+from sim import motor
 
 GRAVITY_MPS2 = 9.80665
 TAU_S = 0.08  # motor with speed controller, step response to 63 %
 DRIVE_MPS2 = 3.0  # most the motors can do
 BRAKE_MPS2 = 7.0  # shorted motors on rubber tyres: friction coefficient of about 0.7 times g
-TICKS_PER_M = 4000.0
+
 SLIP_NOISE_TAU_S = 0.5
 BURST_S = 0.3
 TABLE_SPEED_MPS = 0.6  # about what Table 3 drives: 7.5 m in 13.7 s
@@ -42,6 +44,8 @@ class RoverState:
     left_ticks: int
     right_ticks: int
     watts: float  # whole robot, computer included
+    left_a: float = 0.0  # of each motor, positive while it pushes forward
+    right_a: float = 0.0
 
 
 class Rover:
@@ -86,33 +90,45 @@ class Rover:
     def step(
         self,
         dt: float,
-        left_target_mps: float,
-        right_target_mps: float,
+        left_target: float,
+        right_target: float,
         *,
         braked: bool = False,
         sine: float = 0.0,
+        volts: float | None = None,
     ) -> RoverState:
         """Advance by `dt` [s].
 
         Args:
             dt: Step [s].
-            left_target_mps: What the left motor's controller aims for [m/s].
-            right_target_mps: The same of the right one.
+            left_target: What the left motor's controller aims for [m/s]; its duty [-1, 1] with `volts`.
+            right_target: The same of the right one.
             braked: Stop the wheels as fast as tyres can.
             sine: Rise per metre of way straight ahead, the sine of the slope; positive is uphill.
+            volts: Of the pack [V], for bare motors under duty; None for motors with a speed controller.
         """
-        if self.still and (braked or (left_target_mps == 0.0 and right_target_mps == 0.0)):
+        if self.still and (braked or (left_target == 0.0 and right_target == 0.0)):
             if self.state.watts != self._idle_w or self.state.v_mps or self.state.w_rps:
                 self.state = self._rest()
             return self.state
         if dt != self._dt_s:
             self._prepare(dt)
+        left_a = right_a = 0.0
         if braked:
             left, right = (_braked(v, dt, sine) for v in (self._left_mps, self._right_mps))
             power_w = self._idle_w
         else:
-            left = self._driven(self._left_mps, left_target_mps, dt, sine)
-            right = self._driven(self._right_mps, right_target_mps, dt, sine)
+            if volts is None:
+                left = self._driven(self._left_mps, left_target, dt, sine)
+                right = self._driven(self._right_mps, right_target, dt, sine)
+                left_a = motor.implied_a(self._left_mps, left, dt, sine, GRAVITY_MPS2)
+                right_a = motor.implied_a(self._right_mps, right, dt, sine, GRAVITY_MPS2)
+            else:
+                left_a = motor.current_a(left_target, volts, self._left_mps)
+                right_a = motor.current_a(right_target, volts, self._right_mps)
+                grip = BRAKE_MPS2 * math.sqrt(1.0 - sine * sine)
+                left = motor.pushed(self._left_mps, left_a, dt, sine, grip, GRAVITY_MPS2)
+                right = motor.pushed(self._right_mps, right_a, dt, sine, grip, GRAVITY_MPS2)
             power_w = self._idle_w + 0.5 * (
                 self._wheel_power(self._left_mps, left, dt, sine)
                 + self._wheel_power(self._right_mps, right, dt, sine)
@@ -130,6 +146,8 @@ class Rover:
             math.floor(self._left_m * TICKS_PER_M),
             math.floor(self._right_m * TICKS_PER_M),
             power_w,
+            left_a,
+            right_a,
         )
         return self.state
 

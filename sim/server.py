@@ -22,9 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from labr_autonomy.clock import SystemClock, Ticker
+from firmware_bridge.pins import Duty
+from labr_autonomy.clock import Clock, SystemClock, Ticker
 from labr_autonomy.config import Links, RobotConfig
-from labr_autonomy.errors import LabrError
+from labr_autonomy.errors import BadInput, LabrError
 from labr_autonomy.estimation.vio_link import udp_address
 from labr_autonomy.estimation.vio_message import encode_vio
 from labr_autonomy.perception.frame_slot import FrameReader
@@ -33,10 +34,11 @@ from labr_autonomy.types import Pose
 from sim.autopilot.link import AutopilotStandIn
 from sim.camera.process import CameraSpec
 from sim.external.bridge import Bridge
+from sim.firmware.controller import EmulatedController
 from sim.land_controller import LandController
 from sim.movers.crowd import Crowd
 from sim.movers.place import movers_for
-from sim.plant import STEP_S, Plant, WheelDrive
+from sim.plant import STEP_S, Plant, WheelDrive, WheelDuty
 from sim.pose_slot import PoseSlotWriter
 from sim.referee import Referee
 from sim.spec import SimSpec
@@ -55,6 +57,22 @@ def _free_udp_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
+
+
+def _land_controller(
+    which: str, robot: RobotConfig, clock: Clock, seed: int, link_path: Path
+) -> LandController | EmulatedController:
+    """The twin, or the firmware itself.
+
+    Raises:
+        BadInput: Neither of them.
+        Refused: What builds or emulates the firmware is not installed.
+    """
+    if which == "twin":
+        return LandController(robot, clock, seed, link_path=link_path)
+    if which == "qemu":
+        return EmulatedController(robot, clock, link_path=link_path)
+    raise BadInput(f"there is no land controller {which!r}", "Take twin or qemu")
 
 
 class Simulator:
@@ -100,7 +118,7 @@ class Simulator:
         self._vio_socket.setblocking(False)
         self._vio_due_s = 0.0
         self._vio_sent = 0
-        self._land = LandController(self.robot, self._clock, spec.seed, link_path=Path(links.ground))
+        self._land = _land_controller(spec.ground, self.robot, self._clock, spec.seed, Path(links.ground))
         self._pose_slot = PoseSlotWriter(f"{tag}_pose", len(movers))
         self._camera_spec = CameraSpec(
             world=self._world.spec,
@@ -112,7 +130,6 @@ class Simulator:
             movers=tuple(mover.as_dict() for mover in movers),
         )
         self._camera: subprocess.Popen[bytes] | None = None
-        self._drive = WheelDrive(0.0, 0.0, True)
         self.stop = asyncio.Event()
 
     async def open(self) -> None:
@@ -128,6 +145,8 @@ class Simulator:
         reader = await asyncio.to_thread(FrameReader, self.robot.links.depth, CAMERA_TIMEOUT_S)
         reader.close()
         await self._autopilot.open()
+        if isinstance(self._land, EmulatedController):
+            self._land.attend(asyncio.get_running_loop())
 
     def _publish_pose(self, now_s: float) -> None:
         state = self.plant.state
@@ -138,8 +157,10 @@ class Simulator:
         plant = self.plant
         motors = self._autopilot.step(now_s, plant.state, plant.battery)
         targets = self._land.step(now_s, plant.pins(armed=self._autopilot.armed))
-        self._drive = WheelDrive(targets.left_mps, targets.right_mps, targets.braked)
-        plant.step(motors, self._drive)
+        if isinstance(targets, Duty):
+            plant.step(motors, WheelDuty(targets.left, targets.right, targets.braked))
+        else:
+            plant.step(motors, WheelDrive(targets.left_mps, targets.right_mps, targets.braked))
         if self._crowd is not None:
             self._crowd.watch(STEP_S, plant.state)
         self.referee.watch(now_s, plant)

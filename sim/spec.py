@@ -26,6 +26,7 @@ class SimSpec:
     worlds_dir: str | None = None
     robot: RobotConfig = field(default_factory=RobotConfig)
     die_with_parent: bool = True
+    ground: str = "twin"  # which land controller: the Python twin, or "qemu" for the firmware in an emulator
     autopilot: str | None = None  # URL of one that somebody else has started; our stand-in when left out
     truth: str | None = None  # URL where its simulator publishes the truth; with its own messages otherwise
     movers: int = 0  # people and boxes that walk across the likely way

@@ -363,10 +363,10 @@ enums: Dict[str, Enum] = {}
 # LAND_PROTOCOL
 enums["LAND_PROTOCOL"] = Enum()
 enums["LAND_PROTOCOL"].bitmask = False
-LAND_PROTOCOL_VERSION = 1
-enums["LAND_PROTOCOL"][1] = EnumEntry("LAND_PROTOCOL_VERSION", """Raised with every change of meaning""")
-LAND_PROTOCOL_ENUM_END = 2
-enums["LAND_PROTOCOL"][2] = EnumEntry("LAND_PROTOCOL_ENUM_END", """""")
+LAND_PROTOCOL_VERSION = 2
+enums["LAND_PROTOCOL"][2] = EnumEntry("LAND_PROTOCOL_VERSION", """Raised with every change of meaning""")
+LAND_PROTOCOL_ENUM_END = 3
+enums["LAND_PROTOCOL"][3] = EnumEntry("LAND_PROTOCOL_ENUM_END", """""")
 
 # LAND_MODE
 enums["LAND_MODE"] = Enum()
@@ -436,7 +436,7 @@ enums["LAND_FAULT"][64] = EnumEntry("LAND_FAULT_BATTERY_LOW", """pack voltage be
 LAND_FAULT_ESTOP = 128
 enums["LAND_FAULT"][128] = EnumEntry("LAND_FAULT_ESTOP", """emergency stop is latched""")
 LAND_FAULT_DRIVER = 256
-enums["LAND_FAULT"][256] = EnumEntry("LAND_FAULT_DRIVER", """motor driver reports a fault""")
+enums["LAND_FAULT"][256] = EnumEntry("LAND_FAULT_DRIVER", """motor driver reports a fault; cleared by a disengaged command""")
 LAND_FAULT_ENUM_END = 257
 enums["LAND_FAULT"][257] = EnumEntry("LAND_FAULT_ENUM_END", """""")
 
@@ -734,22 +734,22 @@ class MAVLink_land_state_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_LAND_STATE
     msgname = "LAND_STATE"
-    fieldnames = ["time_ms", "ticks_left", "ticks_right", "v", "w", "faults", "battery_mv", "current_ma", "command_age", "cmd_seq", "rx_good", "rx_bad", "rx_lost", "mode", "status", "last_result"]
-    ordered_fieldnames = ["time_ms", "ticks_left", "ticks_right", "v", "w", "faults", "battery_mv", "current_ma", "command_age", "cmd_seq", "rx_good", "rx_bad", "rx_lost", "mode", "status", "last_result"]
-    fieldtypes = ["uint32_t", "int32_t", "int32_t", "int16_t", "int16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["time_ms", "ticks_left", "ticks_right", "v", "w", "faults", "battery_mv", "current_ma", "current_left", "current_right", "duty_left", "duty_right", "command_age", "cmd_seq", "rx_good", "rx_bad", "rx_lost", "mode", "status", "last_result"]
+    ordered_fieldnames = ["time_ms", "ticks_left", "ticks_right", "v", "w", "faults", "battery_mv", "current_ma", "current_left", "current_right", "duty_left", "duty_right", "command_age", "cmd_seq", "rx_good", "rx_bad", "rx_lost", "mode", "status", "last_result"]
+    fieldtypes = ["uint32_t", "int32_t", "int32_t", "int16_t", "int16_t", "uint16_t", "uint16_t", "uint16_t", "int16_t", "int16_t", "int16_t", "int16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {"faults": "bitmask", "status": "bitmask"}
     fieldenums_by_name: Dict[str, str] = {"faults": "LAND_FAULT", "mode": "LAND_MODE", "status": "LAND_STATUS", "last_result": "LAND_RESULT"}
-    fieldunits_by_name: Dict[str, str] = {"time_ms": "ms", "v": "mm/s", "w": "mrad/s", "battery_mv": "mV", "current_ma": "mA", "command_age": "ms"}
-    native_format = bytearray(b"<IiihhHHHHHHHHBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
-    crc_extra = 91
-    unpacker = struct.Struct("<IiihhHHHHHHHHBBB")
+    fieldunits_by_name: Dict[str, str] = {"time_ms": "ms", "v": "mm/s", "w": "mrad/s", "battery_mv": "mV", "current_ma": "mA", "current_left": "mA", "current_right": "mA", "duty_left": "d%", "duty_right": "d%", "command_age": "ms"}
+    native_format = bytearray(b"<IiihhHHHhhhhHHHHHBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 176
+    unpacker = struct.Struct("<IiihhHHHhhhhHHHHHBBB")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, time_ms: int, ticks_left: int, ticks_right: int, v: int, w: int, faults: int, battery_mv: int, current_ma: int, command_age: int, cmd_seq: int, rx_good: int, rx_bad: int, rx_lost: int, mode: int, status: int, last_result: int):
+    def __init__(self, time_ms: int, ticks_left: int, ticks_right: int, v: int, w: int, faults: int, battery_mv: int, current_ma: int, current_left: int, current_right: int, duty_left: int, duty_right: int, command_age: int, cmd_seq: int, rx_good: int, rx_bad: int, rx_lost: int, mode: int, status: int, last_result: int):
         MAVLink_message.__init__(self, MAVLink_land_state_message.id, MAVLink_land_state_message.msgname)
         self._fieldnames = MAVLink_land_state_message.fieldnames
         self._instance_field = MAVLink_land_state_message.instance_field
@@ -762,6 +762,10 @@ class MAVLink_land_state_message(MAVLink_message):
         self.faults = faults
         self.battery_mv = battery_mv
         self.current_ma = current_ma
+        self.current_left = current_left
+        self.current_right = current_right
+        self.duty_left = duty_left
+        self.duty_right = duty_right
         self.command_age = command_age
         self.cmd_seq = cmd_seq
         self.rx_good = rx_good
@@ -772,7 +776,7 @@ class MAVLink_land_state_message(MAVLink_message):
         self.last_result = last_result
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_ms, self.ticks_left, self.ticks_right, self.v, self.w, self.faults, self.battery_mv, self.current_ma, self.command_age, self.cmd_seq, self.rx_good, self.rx_bad, self.rx_lost, self.mode, self.status, self.last_result), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_ms, self.ticks_left, self.ticks_right, self.v, self.w, self.faults, self.battery_mv, self.current_ma, self.current_left, self.current_right, self.duty_left, self.duty_right, self.command_age, self.cmd_seq, self.rx_good, self.rx_bad, self.rx_lost, self.mode, self.status, self.last_result), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -1610,7 +1614,7 @@ class MAVLink(object):
         """
         self.send(self.land_ack_encode(token, of, cmd_seq, result), force_mavlink1=force_mavlink1)
 
-    def land_state_encode(self, time_ms: int, ticks_left: int, ticks_right: int, v: int, w: int, faults: int, battery_mv: int, current_ma: int, command_age: int, cmd_seq: int, rx_good: int, rx_bad: int, rx_lost: int, mode: int, status: int, last_result: int) -> MAVLink_land_state_message:
+    def land_state_encode(self, time_ms: int, ticks_left: int, ticks_right: int, v: int, w: int, faults: int, battery_mv: int, current_ma: int, current_left: int, current_right: int, duty_left: int, duty_right: int, command_age: int, cmd_seq: int, rx_good: int, rx_bad: int, rx_lost: int, mode: int, status: int, last_result: int) -> MAVLink_land_state_message:
         """
         Telemetry at 50 Hz.
 
@@ -1622,6 +1626,10 @@ class MAVLink(object):
         faults                    : conditions that hold now (type:uint16_t, values:LAND_FAULT)
         battery_mv                : pack [mV] (type:uint16_t)
         current_ma                : from the pack [mA] (type:uint16_t)
+        current_left              : of the left motor, positive while it pushes forward [mA] (type:int16_t)
+        current_right             : of the right motor [mA] (type:int16_t)
+        duty_left                 : of the left motor, negative backward; 0 while braked [d%] (type:int16_t)
+        duty_right                : of the right motor [d%] (type:int16_t)
         command_age               : since the last accepted command, 65535 for never [ms] (type:uint16_t)
         cmd_seq                   : of the last accepted command (type:uint16_t)
         rx_good                   : frames received, wraps (type:uint16_t)
@@ -1632,9 +1640,9 @@ class MAVLink(object):
         last_result               : of the last velocity command (type:uint8_t, values:LAND_RESULT)
 
         """
-        return MAVLink_land_state_message(time_ms, ticks_left, ticks_right, v, w, faults, battery_mv, current_ma, command_age, cmd_seq, rx_good, rx_bad, rx_lost, mode, status, last_result)
+        return MAVLink_land_state_message(time_ms, ticks_left, ticks_right, v, w, faults, battery_mv, current_ma, current_left, current_right, duty_left, duty_right, command_age, cmd_seq, rx_good, rx_bad, rx_lost, mode, status, last_result)
 
-    def land_state_send(self, time_ms: int, ticks_left: int, ticks_right: int, v: int, w: int, faults: int, battery_mv: int, current_ma: int, command_age: int, cmd_seq: int, rx_good: int, rx_bad: int, rx_lost: int, mode: int, status: int, last_result: int, force_mavlink1: bool = False) -> None:
+    def land_state_send(self, time_ms: int, ticks_left: int, ticks_right: int, v: int, w: int, faults: int, battery_mv: int, current_ma: int, current_left: int, current_right: int, duty_left: int, duty_right: int, command_age: int, cmd_seq: int, rx_good: int, rx_bad: int, rx_lost: int, mode: int, status: int, last_result: int, force_mavlink1: bool = False) -> None:
         """
         Telemetry at 50 Hz.
 
@@ -1646,6 +1654,10 @@ class MAVLink(object):
         faults                    : conditions that hold now (type:uint16_t, values:LAND_FAULT)
         battery_mv                : pack [mV] (type:uint16_t)
         current_ma                : from the pack [mA] (type:uint16_t)
+        current_left              : of the left motor, positive while it pushes forward [mA] (type:int16_t)
+        current_right             : of the right motor [mA] (type:int16_t)
+        duty_left                 : of the left motor, negative backward; 0 while braked [d%] (type:int16_t)
+        duty_right                : of the right motor [d%] (type:int16_t)
         command_age               : since the last accepted command, 65535 for never [ms] (type:uint16_t)
         cmd_seq                   : of the last accepted command (type:uint16_t)
         rx_good                   : frames received, wraps (type:uint16_t)
@@ -1656,7 +1668,7 @@ class MAVLink(object):
         last_result               : of the last velocity command (type:uint8_t, values:LAND_RESULT)
 
         """
-        self.send(self.land_state_encode(time_ms, ticks_left, ticks_right, v, w, faults, battery_mv, current_ma, command_age, cmd_seq, rx_good, rx_bad, rx_lost, mode, status, last_result), force_mavlink1=force_mavlink1)
+        self.send(self.land_state_encode(time_ms, ticks_left, ticks_right, v, w, faults, battery_mv, current_ma, current_left, current_right, duty_left, duty_right, command_age, cmd_seq, rx_good, rx_bad, rx_lost, mode, status, last_result), force_mavlink1=force_mavlink1)
 
     def land_param_read_encode(self, cmd_seq: int, index: int, name: bytes) -> MAVLink_land_param_read_message:
         """
@@ -1817,5 +1829,5 @@ class MAVLink(object):
         self.send(self.land_timesync_encode(computer_us, controller_us), force_mavlink1=force_mavlink1)
 
 # added by firmware_bridge/dialect/generate.py
-PROTOCOL = 1
-DIALECT_HASH = 0x4151627A
+PROTOCOL = 2
+DIALECT_HASH = 0xFDA05A32

@@ -52,6 +52,7 @@ class GroundChannel:
         self.config = config
         self.on_odometry: Callable[[WheelOdometry], None] | None = None
         self.on_log: Callable[[str], None] | None = None  # a sentence of the controller
+        self.on_round_trip: Callable[[float], None] | None = None  # [s] of each time synchronisation
         self._device = device
         self._clock = clock
         self._wire = Wire(device, baud, clock, tlog, self._on_message, self._on_lost)
@@ -96,7 +97,7 @@ class GroundChannel:
             else:
                 self._beat(now_s)
                 if beats % 10 == 0:
-                    self._wire.send(dialect.MAVLink_land_timesync_message(int(now_s * 1e6), 0))
+                    self.ping()
                 beats += 1
 
     async def close(self) -> None:
@@ -152,6 +153,11 @@ class GroundChannel:
         """Disengage: the wheels brake at once and the air lock stays as it was."""
         return self.send_velocity(0.0, 0.0, engaged=False, air_lock=self._air_lock)
 
+    def ping(self) -> bool:
+        """Ask for a time synchronisation; `on_round_trip` is told how long it took. False if not sent."""
+        now_us = int(self._clock.now_s() * 1e6)
+        return self._wire.send(dialect.MAVLink_land_timesync_message(now_us, 0))
+
     async def estop(self) -> None:
         """Latch the emergency stop and see it latched.
 
@@ -206,6 +212,11 @@ class GroundChannel:
     def state(self) -> GroundState:
         """The newest state, aged to now."""
         return describe(self._telemetry, self._ready, self._reason, self._clock.now_s())
+
+    @property
+    def telemetry(self) -> Telemetry | None:
+        """The newest telemetry with all its fields; None before the first."""
+        return self._telemetry
 
     @property
     def may_engage(self) -> bool:
@@ -333,6 +344,8 @@ class GroundChannel:
             self._requests.on_param(message)
         elif isinstance(message, dialect.MAVLink_land_timesync_message):
             self.round_trip_s = max(0.0, received_s - message.computer_us * 1e-6)
+            if self.on_round_trip is not None:
+                self.on_round_trip(self.round_trip_s)
         elif isinstance(message, dialect.MAVLink_land_log_message) and self.on_log is not None:
             self.on_log(text_of(message.text))
 

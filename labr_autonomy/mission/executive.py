@@ -57,6 +57,7 @@ class Simulated:
     seed: int
     worlds_dir: Path | None
     external: External | None
+    ground: str  # land controller: "twin" or "qemu"
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +80,7 @@ def fly(
     external: External | None = None,
     relocate: Callable[[Mission], Mission] | None = None,
     watch: WatchAt | None = None,
+    ground: str = "twin",
 ) -> int:
     """Carry out a mission and leave a run folder.
 
@@ -93,6 +95,7 @@ def fly(
         external: An autopilot that somebody else has started, flown in our simulated world.
         relocate: Puts the mission into another world.
         watch: A ground station that is shown the air link.
+        ground: Land controller of the simulator: "twin", or "qemu" for the firmware in an emulator.
 
     Returns:
         Exit code (`labr_autonomy.errors.ExitCode`).
@@ -112,7 +115,7 @@ def fly(
             if robot_path is not None:
                 summary = asyncio.run(_flight(mission, robot, run_dir, None, line, watch))
             else:
-                simulated = Simulated(used_seed or 0, worlds_dir, external)
+                simulated = Simulated(used_seed or 0, worlds_dir, external, ground)
                 summary = _simulated(mission, robot, run_dir, simulated, line, watch)
         except LabrError as error:  # nothing has moved
             _leave(summarise.unmoved(mission.name, "refused", error.what, used_seed), run_dir, line)
@@ -154,7 +157,9 @@ def _simulated(
     seed, external = simulated.seed, simulated.external
     also = "" if external is None else f", waiting for the autopilot on {external.url}"
     line.say(f"simulator: building the world and starting the camera{also}")
-    with SimulatorProcess(mission, robot, seed, simulated.worlds_dir, run_dir, external) as simulator:
+    with SimulatorProcess(
+        mission, robot, seed, simulated.worlds_dir, run_dir, external, ground=simulated.ground
+    ) as simulator:
         refuse(check_mission(mission, robot, clearance_at=simulator.clearance_at))
         flown = asyncio.run(_flight(mission, load_robot(simulator.robot_path), run_dir, seed, line, watch))
     return summarise.with_truth(flown, run_dir)

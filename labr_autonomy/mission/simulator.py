@@ -40,6 +40,7 @@ class SimulatorProcess:
         worlds_dir: Folder with mesh worlds.
         folder: Where it leaves robot.yaml, its logs and the truth.
         external: The autopilot to fly; the stand-in by default.
+        ground: Land controller: "twin", or "qemu" for the firmware in an emulator.
     """
 
     def __init__(
@@ -50,11 +51,13 @@ class SimulatorProcess:
         worlds_dir: Path | None,
         folder: Path,
         external: External | None = None,
+        *,
+        ground: str = "twin",
     ) -> None:
         self._folder = folder
         self._asked = goal_places(mission, robot)
         self._spec_path = folder / "simulator.json"
-        spec = simulator_spec(mission, robot, seed, worlds_dir, external=external)
+        spec = simulator_spec(mission, robot, seed, worlds_dir, external=external, ground=ground)
         self._spec_path.write_text(json.dumps(spec, indent=1))
         self._process: subprocess.Popen[str] | None = None
         self._answer: dict[str, Any] = {}
@@ -140,6 +143,7 @@ def simulator_spec(
     *,
     die_with_parent: bool = True,
     external: External | None = None,
+    ground: str = "twin",
 ) -> dict[str, Any]:
     """What the simulator is told, JSON-ready (`sim.spec.SimSpec`).
 
@@ -164,5 +168,6 @@ def simulator_spec(
         "die_with_parent": die_with_parent,
         "autopilot": None if external is None else external.url,
         "truth": None if external is None else external.truth,
+        "ground": ground,
         "disturbances": disturbances.spec() if disturbances is not None else None,
     }

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from firmware_bridge.dialect import labr_land as wire
+from firmware_bridge.parameters import Parameters
+from firmware_bridge.pins import Inputs
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.ground.channel import VALID_MS
 from labr_autonomy.ground.state import GroundState
 from labr_autonomy.ground.words import fault_words, mode_word
 from labr_autonomy.types import WheelOdometry
 from sim import land_core as core
-from sim.land_core import Inputs
-from sim.land_params import Parameters
 from sim.plant import WheelDrive
 
 BOOT_MS = 1000

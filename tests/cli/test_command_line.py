@@ -104,7 +104,7 @@ def _bare_start_s():
 def test_only_commands_that_exist_are_listed():
     assert set(cli.main.commands) == {
         *("fly", "check", "sim", "bench", "report", "dataset", "train", "energy"),
-        *("params", "doctor"),
+        *("params", "doctor", "wheels"),
     }
 
 
@@ -206,8 +206,19 @@ def test_fly_hands_everything_over(mission, flown):
         "external": None,
         "relocate": None,
         "watch": None,
+        "ground": "twin",
     }
     assert calls == [(path, options)]
+
+
+def test_the_simulators_land_controller_may_be_the_firmware_but_the_robots_is_what_it_is(mission, flown):
+    calls, _ = flown
+    assert run("fly", mission(GOOD), "--ground", "qemu").exit_code == 0
+    assert calls[0][1]["ground"] == "qemu"
+    refused = run("fly", mission(GOOD), "--ground", "qemu", "--robot", "r.yaml")
+    assert refused.exit_code == 2
+    assert "--ground is of the simulator" in refused.stderr
+    assert run("fly", mission(GOOD), "--ground", "stm32").exit_code == 2
 
 
 def test_fly_hands_a_foreign_autopilot_and_another_world_over(mission, flown):

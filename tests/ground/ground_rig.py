@@ -1,4 +1,4 @@
-"""The twin and its rover on a real pseudo-terminal, stepped at 250 Hz in real time."""
+"""A land controller and its rover on a real pseudo-terminal, stepped at 250 Hz in real time."""
 
 from __future__ import annotations
 
@@ -6,20 +6,29 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable
 
+from firmware_bridge.pins import Inputs
 from labr_autonomy.clock import SystemClock, Ticker
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.ground.channel import GroundChannel
-from sim.land_controller import Inputs, LandController
+from sim.firmware.controller import EmulatedController
+from sim.land_controller import LandController
 from sim.rover import Rover
 
 CONFIG = RobotConfig()
 BAUD = 460800
 
 
+VOLTS = 19.0
+
+
 class Rig:
-    def __init__(self, **twin_options) -> None:
+    def __init__(self, *, firmware: bool = False, **options) -> None:
         self.clock = SystemClock()
-        self.twin = LandController(CONFIG, self.clock, 1, **twin_options)
+        self.firmware = firmware
+        if firmware:
+            self.twin = EmulatedController(CONFIG, self.clock, **options)
+        else:
+            self.twin = LandController(CONFIG, self.clock, 1, **options)
         self.rover = Rover(CONFIG, 1)
         self.wheel_load = True
         self.last_moving_s = 0.0
@@ -35,8 +44,9 @@ class Rig:
             await ticker.wait()
             now_s = self.clock.now_s()
             self.stall_s = max(self.stall_s, now_s - last_s)
-            s = self.rover.step(now_s - last_s, left, right, braked=braked)  # up to now, then read the ticks
-            inputs = Inputs(19.0, s.watts / 19.0, self.wheel_load, False, s.left_ticks, s.right_ticks)
+            volts = VOLTS if self.firmware else None
+            s = self.rover.step(now_s - last_s, left, right, braked=braked, volts=volts)  # up to now, then
+            inputs = Inputs(VOLTS, s.watts / VOLTS, self.wheel_load, False, s.left_ticks, s.right_ticks)
             left, right, braked = self.twin.step(now_s, inputs)
             last_s = now_s
             if self.rover.state.left_wheel_mps or self.rover.state.right_wheel_mps:
@@ -61,9 +71,9 @@ class Rig:
 
 
 @contextlib.asynccontextmanager
-async def rig(**twin_options) -> AsyncIterator[Rig]:
-    """The twin, running."""
-    r = Rig(**twin_options)
+async def rig(**options) -> AsyncIterator[Rig]:
+    """The twin, or the firmware in an emulator, running."""
+    r = Rig(**options)
     task = asyncio.create_task(r.run(), name="twin")
     try:
         yield r

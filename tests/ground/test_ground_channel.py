@@ -9,8 +9,8 @@ import pytest
 from ground_rig import rig, running
 
 from firmware_bridge.framing import Framer
+from firmware_bridge.parameters import TICKS_PER_M
 from labr_autonomy.errors import LinkError, Refused
-from sim.rover import TICKS_PER_M
 
 pytestmark = pytest.mark.sitl
 

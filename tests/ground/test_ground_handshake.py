@@ -26,7 +26,7 @@ async def test_handshake_tells_who_answers_and_leaves_nothing_behind():
         channel = r.channel()
         assert not channel.state.connected
         identity = await channel.open(2.0)
-        assert identity.firmware == "1.0.0"
+        assert identity.firmware == "1.1.0"
         assert len(identity.serial) == 24
         assert channel.state.connected
         assert channel.state.mode == "idle"

@@ -8,10 +8,11 @@ import random
 import pytest
 
 from firmware_bridge.dialect import labr_land as wire
+from firmware_bridge.parameters import Parameters
+from firmware_bridge.pins import Inputs
 from labr_autonomy.config import RobotConfig
 from sim import land_core as core
-from sim.land_core import Command, Inputs, State
-from sim.land_params import Parameters
+from sim.land_core import Command, State
 
 P = Parameters.of(RobotConfig())
 GROUND = Inputs(19.0, 2.0, wheel_load=True, rotors_possible=False, left_ticks=0, right_ticks=0)

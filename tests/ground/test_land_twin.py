@@ -10,11 +10,13 @@ import pytest
 
 from firmware_bridge.dialect import labr_land as wire
 from firmware_bridge.link import Link
+from firmware_bridge.parameters import TICKS_PER_M
+from firmware_bridge.pins import Inputs
 from firmware_bridge.port import SerialPort
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.ground.clock_map import ClockMap
-from sim.land_controller import Inputs, LandController
-from sim.rover import TICKS_PER_M, Rover
+from sim.land_controller import LandController
+from sim.rover import Rover
 
 CONFIG = RobotConfig()
 DT = 0.004

@@ -4,8 +4,9 @@ import math
 
 import pytest
 
+from firmware_bridge.parameters import TICKS_PER_M
 from labr_autonomy.config import RobotConfig
-from sim.rover import BRAKE_MPS2, DRIVE_MPS2, TAU_S, TICKS_PER_M, Rover
+from sim.rover import BRAKE_MPS2, DRIVE_MPS2, TAU_S, Rover
 
 CONFIG = RobotConfig()
 DT = 0.004

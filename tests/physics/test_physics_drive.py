@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from physics_rig import BRAKED, NO_SLIP, drive, flat, plant_on, ramp
 
+from firmware_bridge.parameters import TICKS_PER_M
 from labr_autonomy.estimation.filter import PoseFilter
 from labr_autonomy.types import ImuSample, Pose, WheelOdometry
 from sim.disturbances import Actuators, Disturbances
 from sim.plant import STEP_S, WheelDrive
-from sim.rover import TICKS_PER_M, Slip
+from sim.rover import Slip
 from sim.vio import VioStandIn
 
 

@@ -1,11 +1,15 @@
-"""Parameters of the land controller, readable and writable over the wire by name."""
+"""Parameters of the land controller, readable and writable over the wire by name.
+
+This table is the only one: the Python twin uses it, and `firmware_bridge.build` writes it out for the C side.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
 from labr_autonomy.config import RobotConfig
-from sim.rover import TICKS_PER_M
+
+TICKS_PER_M = 4000.0  # of the encoders along the rim, four counts a line
 
 # The firmware is the last line: it leaves the executive's controller this much above the robot's own limits,
 # and refuses what is beyond.
@@ -20,6 +24,10 @@ RANGES: dict[str, tuple[float, float]] = {
     "acceleration": (0.1, 10.0),
     "battery_low": (0.0, 60.0),
     "current_max": (0.5, 60.0),
+    "wheel_current": (0.5, 30.0),
+    "free_speed": (0.2, 10.0),
+    "gain_p": (0.0, 20.0),
+    "gain_i": (0.0, 100.0),
 }
 
 
@@ -34,7 +42,11 @@ class Parameters:
     yaw_rate: float  # [rad/s]
     acceleration: float  # [m/s^2] ramp of each wheel
     battery_low: float = 15.0  # [V] 3.0 V a cell, 5S
-    current_max: float = 15.0  # [A] while driving
+    current_max: float = 15.0  # [A] from the pack while driving; latches a fault
+    wheel_current: float = 8.0  # [A] of each motor; its duty yields above
+    free_speed: float = 1.8  # [m/s] of a wheel at full duty without load
+    gain_p: float = 1.3  # [s/m] duty for a speed error; places the loop at about 12 rad/s
+    gain_i: float = 6.5  # [1/m] duty for a position error; its zero lies on the motor's 0.2 s
 
     @classmethod
     def of(cls, config: RobotConfig) -> Parameters:

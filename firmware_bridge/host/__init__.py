@@ -1,0 +1,1 @@
+"""The controller's C core as a library on this computer, for tests and benches."""

@@ -1,0 +1,13 @@
+// What outlives a reset, in RAM that nothing clears: boot count, emergency stop, parameters.
+#pragma once
+
+#include "land_controller.h"
+
+// Fill `boot` from what was kept, or with a first boot's values after a loss of power.
+void keep_load(land_boot *boot);
+
+// Remember what changed.
+void keep_save(const land_controller *c);
+
+// The processor faulted; the next boot says so.
+void keep_note_fault(void);

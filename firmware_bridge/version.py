@@ -1,0 +1,3 @@
+"""Version of the land controller's firmware and of its twin: major, minor, patch."""
+
+FIRMWARE = (1, 1, 0)

@@ -1,0 +1,1 @@
+"""How long the robot's links take, measured over the links that a simulated flight uses."""
