@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labr_autonomy import __version__
+from labr_autonomy.commands import operate
 from labr_autonomy.commands.bench import bench, difficulty_option
 from labr_autonomy.commands.dataset import dataset
 from labr_autonomy.commands.train import train
@@ -92,6 +93,8 @@ def main() -> None:
 @_out
 @_json
 @click.option("--quiet", is_flag=True, help="No live line.")
+@click.option("--console", is_flag=True, help="Serve the operator's page, and wait for start on it.")
+@operate.served
 def fly(
     mission: Path,
     robot: Path | None,
@@ -100,6 +103,10 @@ def fly(
     out: Path | None,
     as_json: bool,
     quiet: bool,
+    console: bool,
+    host: str,
+    port: int,
+    token_file: Path | None,
 ) -> None:
     """Carry out MISSION; without --robot in the simulator.
 
@@ -116,6 +123,7 @@ def fly(
         out_dir=out,
         json_output=as_json,
         quiet=quiet,
+        console=operate.console_options(host, port, token_file) if console else None,
     )
     click.get_current_context().exit(int(code))
 
@@ -247,6 +255,8 @@ def _serve_simulator(
     click.get_current_context().exit(code)
 
 
+main.add_command(operate.console)
+main.add_command(operate.replay)
 main.add_command(bench)
 main.add_command(dataset)
 main.add_command(train)

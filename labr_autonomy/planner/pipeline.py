@@ -109,6 +109,7 @@ class Pipeline:
                 done_s - routed_s,
                 done_s - began_s,
             ),
+            probe=self._probe(request, field),
             map_xy_m=self._map_now_and_then(field, request.start_s),
         )
 
@@ -343,6 +344,21 @@ class Pipeline:
     # ------------------------------------------------------------------ places to take off and land
     def _column_clear(self, request: PlanRequest, up_to_m: float) -> bool:
         return column_clear(self._map, self._config, request, up_to_m)
+
+    def _probe(self, request: PlanRequest, field: Field2) -> str | None:
+        """Whether the wheels could get to the place that is asked about, as far as the map knows."""
+        place = request.probe_m
+        if place is None:
+            return None
+        xy = place[:2]
+        if np.any(xy < field.origin_m) or np.any(xy > field.upper_m):
+            return ""  # beyond the map, nothing speaks against it
+        ways = CostToGo(field.coarser(), xy, self._refiner.land_hard_m + NARROW_MARGIN_M)
+        if ways.target_xy is None:
+            return f"the place is in an obstacle, {GOAL_SNAP_M:g} m or more from free floor"
+        if not math.isfinite(ways.cost_m(request.body_pose.position_m[:2])):
+            return "the map shows no way there that is wide enough for the robot"
+        return ""
 
     def _map_now_and_then(self, field: Field2, now_s: float) -> np.ndarray | None:
         if now_s - self._drawn_s < MAP_EVERY_S:

@@ -97,7 +97,17 @@ def _bare_start_s():
 
 
 def test_only_commands_that_exist_are_listed():
-    assert set(cli.main.commands) == {"fly", "check", "sim", "bench", "report", "dataset", "train"}
+    assert set(cli.main.commands) == {
+        "fly",
+        "check",
+        "sim",
+        "bench",
+        "report",
+        "replay",
+        "console",
+        "dataset",
+        "train",
+    }
 
 
 def test_version():
@@ -195,6 +205,7 @@ def test_fly_hands_everything_over(mission, flown):
         "out_dir": Path("o"),
         "json_output": True,
         "quiet": True,
+        "console": None,
     }
     assert calls == [(path, options)]
 
