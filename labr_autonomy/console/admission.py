@@ -11,7 +11,7 @@ from labr_autonomy.console.requests import Kind, Request
 AGE_MAX_S = 0.5  # what the operator saw longer ago than this may no longer be true
 ABORT_AGE_MAX_S = 3.0  # an abort that comes late is better than none; after a page slept it is not meant
 AHEAD_MAX_S = 0.2  # a stamp further in the future than this is no stamp of ours
-LEASE_S = 3.0  # a page that has control and is silent for this long loses it
+LEASE_S = 5.0  # a page that has control and is silent for this long loses it
 ANSWERS_MAX = 12
 PAGES_MAX = 32
 

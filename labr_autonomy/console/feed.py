@@ -95,7 +95,6 @@ class LiveFeed:
         if self._reader is None:
             self._attach(now_s)
             return
-        self._watch(now_s)
         if self.over:
             return
         number = self._reader.number()
@@ -109,6 +108,7 @@ class LiveFeed:
         if now_s >= self._depth_due_s:
             self._depth_due_s = now_s + DEPTH_PERIOD_S
             self._look_at_depth(now_s)
+        self._watch(now_s)  # last: what it showed in the end can still be read
 
     def _attach(self, now_s: float) -> None:
         if now_s < self._attach_due_s:

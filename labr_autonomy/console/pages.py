@@ -27,7 +27,7 @@ from labr_autonomy.errors import BadInput
 PAGE = Path(__file__).parent / "page"
 PUSH_S = 0.05
 KEEP_S = 1.0  # how often the executive hears that the page with control is alive
-ALIVE_S = 1.5  # a page that said nothing for this long is not
+ALIVE_S = 3.0  # a page that said nothing for this long is not
 REQUESTS_PER_S = 8.0  # of one page; an abort is never refused
 BURST = 12.0
 TRIES_MAX = 10  # wrong tokens of one page

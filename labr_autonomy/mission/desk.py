@@ -28,7 +28,7 @@ from labr_autonomy.mission.logbook import Logbook
 from labr_autonomy.mission.operator import ORDERS, Stage
 from labr_autonomy.mission.pilot import Actions, Order, Pilot
 from labr_autonomy.mission.portrait import Body, Joules, portrait
-from labr_autonomy.mission.preflight import preflight
+from labr_autonomy.mission.preflight import Check, preflight
 from labr_autonomy.mission.steps import Kind as StepKind
 from labr_autonomy.mission.steps import OnFail, Step
 from labr_autonomy.modes.energy import EnergyModel
@@ -79,6 +79,8 @@ class Desk:
         self._late_ms: deque[float] = deque(maxlen=LATE_KEPT)
         self._cells = np.zeros((0, 2), np.float32)
         self._plan: PlanResult | None = None
+        self._checks: list[Check] = []
+        self._outcome = ""
         self.note = ""
 
     # ------------------------------------------------------------------ opening and closing
@@ -263,6 +265,10 @@ class Desk:
         if not self._trail or math.dist(self._trail[-1][:3], (x, y, z)) > TRAIL_STEP_M:
             self._trail.append((x, y, z, float(actions.mode is Mode.AIR)))
 
+    def ended(self, outcome: str) -> None:
+        """The mission is over; the last state that is shown says how it went."""
+        self._outcome = outcome
+
     def noted(self, sentence: str, now_s: float) -> None:
         """A sentence for the timeline."""
         self._said += 1
@@ -282,19 +288,17 @@ class Desk:
     ) -> Body:
         """Publish the state; returns it as it went out."""
         joules = self._joules(estimate, ground, air)
-        sigma_m = math.inf
-        if estimate is not None:
-            sigma_m = math.sqrt(max(0.0, float(np.trace(estimate.covariance[:3, :3])) / 3.0))
-        checks = preflight(
-            self._config,
-            ages_s=ages_s,
-            ground=ground,
-            air=air,
-            sigma_m=sigma_m,
-            energy_left_j=joules.left,
-            energy_needed_j=joules.needed,
-            logs_ok=logs_ok,
-        )
+        if self.stage is Stage.WAITING or not self._checks:  # afterwards they stand as they were at the start
+            self._checks = preflight(
+                self._config,
+                ages_s=ages_s,
+                ground=ground,
+                air=air,
+                sigma_m=math.inf if estimate is None else _sigma_m(estimate),
+                energy_left_j=joules.left,
+                energy_needed_j=joules.needed,
+                logs_ok=logs_ok,
+            )
         state = portrait(
             stamp_s=now_s,
             started_s=self._record.started_s,
@@ -309,8 +313,9 @@ class Desk:
             steps=self._pilot.mission,
             plan=self._plan,
             events=self._events,
-            checks=checks,
+            checks=self._checks,
             tick_late_ms=float(np.percentile(self._late_ms, 99)) if self._late_ms else 0.0,
+            outcome=self._outcome,
         )
         if self._state is not None:
             self._state.write(state)
@@ -328,3 +333,8 @@ class Desk:
         needed = joules_to_finish(self._pilot.steps_left(), here, self._pilot.mode, self._energy)
         power_w = ground.battery_v * ground.current_a
         return Joules(self._record.meter.energy_j, above, needed, ground.battery_v, power_w)
+
+
+def _sigma_m(estimate: Odometry) -> float:
+    """Standard deviation of the position, of all axes together."""
+    return math.sqrt(max(0.0, float(np.trace(estimate.covariance[:3, :3])) / 3.0))

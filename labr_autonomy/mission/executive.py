@@ -219,9 +219,10 @@ async def _flight(
                     await flight.run()
                 except* LabrError as group:
                     pilot.fail(_first_reason(group))
+            ended = _ended(flight, pilot)
+            flight.show_end(f"{ended.outcome}: {ended.reason}")
         finally:
             await flight.close()
-        ended = _ended(flight, pilot)
         if flight.record.map_xy_m is not None:
             np.savez_compressed(run_dir / "map.npz", occupied_xy=flight.record.map_xy_m)
         return summarise.flown(

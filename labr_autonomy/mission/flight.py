@@ -362,6 +362,14 @@ class Flight:
                 map_due_s = now_s + MAP_PERIOD_S
                 self.desk.show_map()
 
+    def show_end(self, outcome: str) -> None:
+        """The last state that the console shows, before the links are closed."""
+        self.desk.ended(outcome)
+        now_s = self._clock.now_s()
+        state = self._show_desk(self._ages(now_s), now_s)
+        if state is not None:
+            self._log.console(now_s, state)
+
     def _show_desk(self, ages: dict[str, float], now_s: float) -> dict[str, Any] | None:
         if self._actions is None:
             return None

@@ -68,7 +68,8 @@ def why(actions: Actions, pilot: Pilot, stage: Stage, note: str) -> str:
         case Stage.RUNNING:
             pass
     if actions.phase not in (Phase.DRIVING, Phase.FLYING):
-        return f"{actions.phase.value}; {note}" if note else actions.phase.value
+        same = not note or note.startswith(actions.phase.value)
+        return note or actions.phase.value if same else f"{actions.phase.value}; {note}"
     if pilot.steps.status is Status.HOLDING:
         return "the step has failed, and its on_fail says hold"
     if actions.step is None:
@@ -93,6 +94,7 @@ def portrait(
     events: Iterable[tuple[int, float, str]],
     checks: Sequence[Check],
     tick_late_ms: float,
+    outcome: str = "",
 ) -> Body:
     """Everything that changes, at one instant.
 
@@ -112,13 +114,14 @@ def portrait(
         events: (number, stamp, sentence), the oldest first.
         checks: Pre-flight checks.
         tick_late_ms: How late the last set-point tick was, p99 of the last seconds.
+        outcome: How the mission ended, once it has.
     """
     goal = None if actions.step is None or actions.step.goal_m is None else actions.step
     return {
         "stamp_s": stamp_s,
         "time_s": round(max(0.0, stamp_s - started_s), 2) if stage is not Stage.WAITING else 0.0,
         "mode": mode_word(actions, stage),
-        "why": why(actions, pilot, stage, note),
+        "why": outcome or why(actions, pilot, stage, note),
         "phase": actions.phase.value,
         "stage": stage.value,
         "reaction": actions.reaction.name.lower(),
@@ -153,6 +156,7 @@ def portrait(
         "plan": None if plan is None else _plan(plan),
         "events": [[n, round(s - started_s, 2), text] for n, s, text in events],
         "checks": [[c.name, c.passed, c.figure, c.fix] for c in checks],
+        "outcome": outcome,
         "control": {
             "holder": lease.holder,
             "answers": [[a.page, a.sequence, a.kind.value, a.verdict, a.reason] for a in lease.answers],

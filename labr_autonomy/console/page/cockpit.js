@@ -36,7 +36,7 @@ export default {
         <button type="button" class="ghost theme" @click="turnTheme"
           :aria-label="'colours: ' + theme + '; press to change'">{{ {auto: '◐', light: '☀', dark: '☾'}[theme] }}</button>
         <hold-button class="abort" v-if="!facts.replay" label="ABORT" sub="hold, or hold Esc" :seconds="abortHold"
-          :disabled="role !== 'operator'" @held="ask('abort')" aria-label="abort: hold to land and end the mission"/>
+          :disabled="role !== 'operator' || over || state.stage === 'ending'" @held="ask('abort')" aria-label="abort: hold to land and end the mission"/>
       </header>
 
       <section class="links panel" aria-label="age of each link">
@@ -56,6 +56,8 @@ export default {
             <button type="button" class="strong" @click="play(replay.playing ? 'pause' : 'play')">
               {{ replay.playing ? '❚❚ Pause' : '▶ Play' }}</button>
             <button type="button" @click="play('step', 1)" aria-label="one step on">step ▶</button>
+          </div>
+          <div class="buttons speeds" role="group" aria-label="speed">
             <button type="button" v-for="s in [1, 2, 5, 10]" :key="s" @click="play('speed', s)"
               :aria-pressed="replay.speed === s" :class="{on: replay.speed === s}">{{ s }}x</button>
           </div>
@@ -63,13 +65,13 @@ export default {
         </template>
         <template v-else>
           <div class="control" :class="{mine: holds}">
-            <span v-if="over">The mission is over</span>
+            <span v-if="ended">The mission is over. Its report is in {{ facts.run }}</span>
             <span v-else-if="role === 'viewer'">You are watching: this address is for viewers</span>
             <span v-else-if="holds"><b>✓ You have control</b> (page {{ page }})</span>
             <span v-else-if="state.control.holder">Page {{ state.control.holder }} has control; you watch
               (page {{ page }})</span>
             <span v-else>Nobody has control; you watch (page {{ page }})</span>
-            <button type="button" v-if="role === 'operator' && !over" class="take"
+            <button type="button" v-if="role === 'operator' && !ended" class="take"
               @click="ask(holds ? 'release' : 'take')">{{ holds ? 'Give back' : 'Take control' }}</button>
           </div>
           <div class="buttons">
@@ -150,17 +152,18 @@ export default {
         <h2>Mission</h2>
         <ol><li v-for="(s, i) in state.steps" :key="i" :class="s.state" :aria-current="s.state === 'now' ? 'step' : null">
           <span aria-hidden="true">{{ {done: '✓', now: '▶', next: '○', failed: '✗'}[s.state] }}</span>
-          {{ s.label }} <small>{{ s.state }}</small></li></ol>
+          {{ s.label }} <small>{{ s.state === 'next' && ended ? 'not done' : s.state }}</small></li></ol>
       </section>
 
       <section class="panel events" aria-label="timeline of events">
         <h2>Timeline</h2>
+        <p v-if="!state.events.length" class="fine">nothing has happened yet</p>
         <ol reversed><li v-for="e in [...state.events].reverse()" :key="e[0]">
           <time>{{ e[1] < 0 ? '–' : clock(e[1]) }}</time> {{ e[2] }}</li></ol>
       </section>
 
       <section class="panel checks" aria-label="pre-flight checks">
-        <h2>Checks <small>{{ failed.length ? failed.length + ' failed' : 'all ' + state.checks.length + ' passed' }}</small></h2>
+        <h2>Checks <small>{{ failed.length ? failed.length + ' failed' : 'all ' + state.checks.length + ' passed' }}{{ begun || over ? ' at the start' : '' }}</small></h2>
         <ul><li v-for="c in sortedChecks" :key="c[0]" :class="{bad: !c[1]}">
           <span aria-hidden="true">{{ c[1] ? '✓' : '✗' }}</span><b>{{ c[0] }}</b> <span>{{ c[2] }}</span>
           <em v-if="c[3]">{{ c[1] ? '' : 'Fix: ' }}{{ c[3] }}</em></li></ul>
@@ -186,7 +189,8 @@ export default {
     holds() { return this.role === "operator" && this.state.control.holder === this.page; },
     drives() { return this.holds && !this.lock && !this.over && this.state.stage !== "ending"; },
     begun() { return ["running", "paused"].includes(this.state.stage) && !this.over; },
-    modeWord() { return this.over ? "OVER" : this.state.mode; },
+    ended() { return this.over || !!this.state.outcome; },
+    modeWord() { return this.ended ? "OVER" : this.state.mode; },
     modeLook() { return MODES[this.modeWord] || MODES.HOLD; },
     time() { return clock(this.state.time_s); },
     links() {
@@ -195,7 +199,7 @@ export default {
         const s = link.age_s === null ? null : link.age_s + (this.over ? 0 : extra);
         return { key, name: LINK_NAMES[key] || key, text: age(s), late: !this.over && (s === null || s > link.limit_s) };
       });
-      if (!this.facts.replay) {
+      if (!this.facts.replay && !this.over) {
         rows.push({ key: "console", name: "This page", text: age(extra), late: !this.over && extra > STALE_S });
       }
       return rows;
@@ -273,14 +277,12 @@ export default {
       if (message.depth !== undefined) this.depth = message.depth;
       if (message.state) this.matchAnswers(message.state.control.answers);
       this.$nextTick(() => {
-        this.drawScene(message);
-        requestAnimationFrame(() => {
-          if (message.true_utc_s) {
-            this.timings.push(Date.now() / 1000 - message.true_utc_s);
-            if (this.timings.length > 3000) this.timings.shift();
-          }
-        });
+        if (message.true_utc_s) {
+          this.timings.push(Date.now() / 1000 - message.true_utc_s);
+          if (this.timings.length > 3000) this.timings.shift();
+        }
         this.$emit("seen", { number: message.number });
+        this.drawScene(message);
       });
     },
     drawScene(message) {
@@ -310,10 +312,9 @@ export default {
     ask(kind, goal_m) {
       this.sequence += 1;
       this.answer = { sequence: this.sequence, kind, verdict: "sent", reason: "" };
-      // dated by what the operator is looking at: a page that lags behind asks with an old stamp, and is refused;
-      // an abort is dated by when it was pressed, for it is right whatever the page shows
-      const since_s = kind === "abort" ? performance.now() / 1000 - this.received_s : 0;
-      const stamp_s = this.state.stamp_s + since_s;
+      // dated on the robot's clock as this page knows it: behind by as long as a state takes to get here, so
+      // that a slow way here counts as much as a slow way back
+      const stamp_s = this.state.stamp_s + performance.now() / 1000 - this.received_s;
       this.$emit("ask", { sequence: this.sequence, kind, stamp_s, goal_m: goal_m || null });
     },
     pickMode() {

@@ -9,12 +9,17 @@ const COLOURS = {
           land: 0xffa94d, air: 0x79b8ff, path: 0x2dd4bf, goal: 0xd8a4ff, pick: 0xffdf5d },
 };
 const CELL_M = 0.1;
+const SHARE = 0.12; // of the time may go into drawing where a processor must do it
+const FASTEST_MS = 66;
+const SLOWEST_MS = 800;
 
 export class Scene {
   constructor(holder, onPick) {
     this.holder = holder;
     this.onPick = onPick;
-    this.renderer = new THREE.WebGLRenderer({ antialias: true, powerPreference: "low-power" });
+    this.renderer = new THREE.WebGLRenderer({ antialias: !software(), powerPreference: "low-power" });
+    this.every_ms = FASTEST_MS;
+    this.drawn = { count: 0, at_ms: 0 };
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 1.5));
     holder.appendChild(this.renderer.domElement);
     this.scene = new THREE.Scene();
@@ -42,6 +47,7 @@ export class Scene {
 
   theme(name) {
     this.colours = COLOURS[name];
+    this.paper = name === "dark" ? "#0d1117" : "#ffffff";
     this.scene.background = new THREE.Color(this.colours.back);
     if (this.facts) this.setFacts(this.facts);
     if (this.map) this.setMap(this.map.cells, this.map.trail);
@@ -60,10 +66,25 @@ export class Scene {
 
   draw() {
     if (this.pending || this.gone) return;
-    this.pending = requestAnimationFrame(() => {
-      this.pending = null;
-      if (!this.gone) this.renderer.render(this.scene, this.camera);
-    });
+    this.pending = true;
+    const wait_ms = Math.max(0, this.drawn.at_ms + this.every_ms - performance.now());
+    setTimeout(() => requestAnimationFrame(() => this.drawNow()), wait_ms);
+  }
+
+  // Figures go before pictures: where drawing is slow, it is done less often.
+  drawNow() {
+    this.pending = false;
+    if (this.gone) return;
+    if (this.stale) this.update();
+    const began = performance.now();
+    this.renderer.render(this.scene, this.camera);
+    if (this.drawn.count++ % 10 === 0) {
+      const gl = this.renderer.getContext();
+      gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until it is drawn
+      const took_ms = performance.now() - began;
+      this.every_ms = Math.min(SLOWEST_MS, Math.max(FASTEST_MS, took_ms / SHARE));
+    }
+    this.drawn.at_ms = performance.now();
   }
 
   dispose() {
@@ -87,7 +108,7 @@ export class Scene {
     for (const thing of things) if (thing) group.add(thing);
     this.layers[name] = group;
     this.scene.add(group);
-    this.draw();
+    if (name === "facts" || name === "map" || name === "pick") this.draw();
   }
 
   // ---- what holds for the whole flight
@@ -118,7 +139,7 @@ export class Scene {
 
   look(how) {
     const at = how === "robot" && this.state?.pose ? this.state.pose.position_m : [...this.middle, this.floor_m];
-    const away = how === "robot" ? 5 : (0.85 * this.span) / Math.min(1, this.camera.aspect);
+    const away = how === "robot" ? 5 : this.span / Math.min(1, this.camera.aspect);
     const lift = how === "top" ? 1 : 0.72;
     const back = Math.sqrt(1 - lift * lift) + 0.001;
     this.follow = how === "robot";
@@ -144,7 +165,7 @@ export class Scene {
       run.push([trail[i], trail[i + 1], trail[i + 2]]);
       const next = i + 7 < trail.length ? trail[i + 7] : null;
       if (next === trail[i + 3]) continue;
-      parts.push(ribbon(run, 0.07, trail[i + 3] ? this.colours.air : this.colours.land));
+      parts.push(ribbon(run, 0.1, trail[i + 3] ? this.colours.air : this.colours.land));
       run = [run[run.length - 1]];
     }
     this.layer("trail", ...parts);
@@ -153,9 +174,16 @@ export class Scene {
   // ---- what changes
   setState(state) {
     this.state = state;
+    this.stale = true;
+    this.draw();
+  }
+
+  update() {
+    this.stale = false;
+    const state = this.state;
     const c = this.colours, plan = state.plan;
     const points = (plan?.network || []).map(([x, y, z, air]) => marker(x, y, z, air, air ? c.air : c.land));
-    const path = plan?.path_m?.length > 1 ? ribbon(plan.path_m.map(([x, y, z]) => [x, y, z + 0.05]), 0.1, c.path) : null;
+    const path = plan?.path_m?.length > 1 ? ribbon(plan.path_m.map(([x, y, z]) => [x, y, z + 0.05]), 0.14, c.path) : null;
     this.layer("plan", path, ...points);
     const goals = [];
     state.steps.forEach((step, i) => {
@@ -168,8 +196,8 @@ export class Scene {
       const shift = to.clone().sub(this.controls.target);
       this.controls.target.copy(to);
       this.camera.position.add(shift);
+      this.camera.updateMatrixWorld();
     }
-    this.draw();
   }
 
   flag(step, index) {
@@ -182,7 +210,7 @@ export class Scene {
       new THREE.MeshBasicMaterial({ color: this.colours.goal }));
     stem.rotation.x = Math.PI / 2;
     stem.position.set(x, y, (top + this.floor_m) / 2);
-    const word = label(`${index + 1}${step.air ? " ↑" : ""}`, this.colours.goal, now ? 0.75 : 0.55);
+    const word = label(`${index + 1}${step.air ? " ↑" : ""}`, this.colours.goal, now ? 0.75 : 0.55, this.paper);
     word.position.set(x, y, top + 0.35);
     return [ring, stem, word];
   }
@@ -244,11 +272,19 @@ export class Scene {
   setPick(place) {
     if (!place) return this.layer("pick");
     const [x, y] = place;
-    const word = label("go here?", this.colours.pick, 0.7);
+    const word = label("go here?", this.colours.pick, 0.7, this.paper);
     word.position.set(x, y, this.floor_m + 0.7);
     this.layer("pick", ribbon([[x - 0.3, y - 0.3, this.floor_m + 0.05], [x + 0.3, y + 0.3, this.floor_m + 0.05]], 0.09, this.colours.pick),
       ribbon([[x - 0.3, y + 0.3, this.floor_m + 0.05], [x + 0.3, y - 0.3, this.floor_m + 0.05]], 0.09, this.colours.pick), word);
   }
+}
+
+function software() {
+  const gl = document.createElement("canvas").getContext("webgl");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software/i.test(name);
 }
 
 function circle([cx, cy], r) {
@@ -288,7 +324,7 @@ function marker(x, y, z, air, colour) {
   return mesh;
 }
 
-function label(text, colour, size) {
+function label(text, colour, size, back) {
   const canvas = document.createElement("canvas");
   canvas.width = 256;
   canvas.height = 96;
@@ -297,7 +333,7 @@ function label(text, colour, size) {
   pen.textAlign = "center";
   pen.textBaseline = "middle";
   pen.lineWidth = 12;
-  pen.strokeStyle = "#fff";
+  pen.strokeStyle = back;
   pen.strokeText(text, 128, 48, 250);
   pen.fillStyle = `#${colour.toString(16).padStart(6, "0")}`;
   pen.fillText(text, 128, 48, 250);
