@@ -30,7 +30,7 @@ from labr_autonomy.console.pages import PAGE, Pages, run_push
 from labr_autonomy.errors import BadInput, LabrError
 from labr_autonomy.processes import die_with_parent
 
-NICE = 10  # the page yields to planning, and planning to the set-points
+NICE = 6  # the page yields to planning, and planning to the set-points
 LARGEST_MESSAGE = 64 * 1024  # that a page may send
 TITLE = "LABR console"
 
@@ -115,6 +115,7 @@ def _listen(host: str, port: int) -> socket.socket:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
+        listener.listen(64)  # now, so that whoever is told the address can reach it at once
     except OSError as error:
         listener.close()
         raise BadInput(

@@ -62,6 +62,17 @@ def repair(path: Path) -> Repaired:
     if is_whole(path):
         return Repaired(path.name, True, 0, 0.0)
     draft = path.with_suffix(".mcap.part")
+    try:
+        found = _copy(path, draft)
+        path.replace(path.with_name(f"{path.name}.torn"))
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+    return found
+
+
+def _copy(path: Path, draft: Path) -> Repaired:
+    """Write what can be read of a torn file into a new one."""
     messages, first_ns, last_ns = 0, None, 0
     with draft.open("wb") as stream:
         writer = Writer(stream)
@@ -90,8 +101,6 @@ def repair(path: Path) -> Repaired:
                     first_ns = record.log_time if first_ns is None else min(first_ns, record.log_time)
                     last_ns = max(last_ns, record.log_time)
         writer.finish()
-    path.replace(path.with_name(f"{path.name}.torn"))
-    draft.replace(path)
     return Repaired(path.name, False, messages, (last_ns - first_ns) / 1e9 if first_ns is not None else 0.0)
 
 

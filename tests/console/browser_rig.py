@@ -102,7 +102,7 @@ def chromium():
 class Tab:
     """One page, and whatever went wrong on it."""
 
-    def __init__(self, browser, url: str, size=(1440, 900), scheme="light") -> None:
+    def __init__(self, browser, url: str, size=(1280, 800), scheme="light") -> None:
         self.context = browser.new_context(
             viewport={"width": size[0], "height": size[1]}, color_scheme=scheme
         )
@@ -130,13 +130,50 @@ class Tab:
         """Wait for a condition on the page's own state, `labr`."""
         self.page.wait_for_function(condition, timeout=timeout_s * 1000, polling=50)
 
+    def press(self, words: str, until: str) -> None:
+        """Press a button until its effect is seen."""
+        from playwright.sync_api import TimeoutError as Late
+
+        def pressed(_: str) -> None:
+            with contextlib.suppress(Late):  # locked for the moment
+                self.button(words).click(timeout=3000)
+
+        self._repeat(pressed, until)
+
     def hold(self, words: str, until: str) -> None:
         """Hold a button until its effect is seen."""
-        box = self.button(words).bounding_box()
-        self.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        self.page.mouse.down()
-        self.until(until)
-        self.page.mouse.up()
+
+        def held(effect: str) -> None:
+            box = self.button(words).bounding_box()
+            self.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+            self.page.mouse.down()
+            self.saw(effect, 3.0)
+            self.page.mouse.up()
+
+        self._repeat(held, until)
+
+    def saw(self, condition: str, timeout_s: float) -> bool:
+        """Whether a condition on the page's own state came true in time."""
+        from playwright.sync_api import TimeoutError as Late
+
+        try:
+            self.until(condition, timeout_s)
+        except Late:
+            return False
+        return True
+
+    def _repeat(self, act, until: str, timeout_s: float = 40.0) -> None:
+        """On a slow machine a request may come too late, or be locked; one sees that, and repeats it."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            asked = self.page.evaluate("labr.sequence")
+            effect = f"({until}) || labr.sequence > {asked} && labr.answer?.verdict === 'refused'"
+            act(effect)
+            self.saw(effect, 5.0)
+            if self.page.evaluate(until):
+                return
+            reason = self.page.evaluate("labr.answer?.reason || labr.lock || 'no answer'")
+            assert time.monotonic() < deadline, f"asked for {timeout_s:.0f} s in vain: {reason}"
 
     def close(self) -> None:
         self.context.close()

@@ -46,7 +46,7 @@ def test_a_mission_is_flown_from_the_page(tmp_path):
         pause_and_resume(tab)
         go_to(tab)
         tab.page.screenshot(path=pictures / "driving.png")
-        tab.button("Resume").click()
+        tab.press("Resume", "labr.state.stage === 'running'")
         tab.until("labr.state.mode === 'AIR'", 120)
         tab.page.screenshot(path=pictures / "flying.png")
         a_stalled_console_locks_driving(tab, flight)
@@ -78,7 +78,7 @@ def wrong_token(browser, flight):
 
 def start(tab):
     assert tab.button("Start").is_disabled()
-    tab.button("Take control").click()
+    tab.press("Take control", "labr.holds")
     tab.says("You have control")
     assert tab.page.evaluate("location.hash") == ""  # the token is out of sight
     box = tab.button("Start").bounding_box()
@@ -92,11 +92,11 @@ def two_tabs(browser, flight, first):
     second = Tab(browser, flight.url).live()
     second.says("has control; you watch")
     assert second.button("Pause").is_disabled()
-    second.button("Take control").click()
+    second.press("Take control", "labr.holds")
     second.says("You have control")
     first.says("has control; you watch")
     assert first.button("Pause").is_disabled()
-    first.button("Take control").click()
+    first.press("Take control", "labr.holds")
     first.says("You have control")
     second.says("has control; you watch")
     assert first.page.evaluate("labr.state.events.some(e => e[2].includes('took control from page'))")
@@ -105,23 +105,21 @@ def two_tabs(browser, flight, first):
 
 
 def pause_and_resume(tab):
-    tab.button("Pause").click()
+    tab.press("Pause", "labr.state.stage === 'paused'")
     tab.until("labr.state.mode === 'HOLD' && labr.state.pose.speed_mps < 0.05")
     tab.says("paused by the operator")
-    answered = "labr.answer && labr.answer.kind === 'resume' && labr.answer.verdict === 'accepted'"
-    tab.button("Resume").click()
-    tab.until(answered)
+    tab.press("Resume", "labr.answer.kind === 'resume' && labr.answer.verdict === 'accepted'")
     tab.until("labr.state.stage === 'running'")
 
 
 def go_to(tab):
     tab.button("Go to").click()
-    tab.page.get_by_label("x", exact=True).fill("9")
-    tab.page.get_by_label("y", exact=True).fill("0")
-    tab.button("Go").last.click()
+    tab.page.get_by_label("x in metres").fill("9")
+    tab.page.get_by_label("y in metres").fill("0")
+    tab.page.get_by_role("button", name="Go", exact=True).click()
     tab.says("outside the fence")
-    tab.button("Pause").click()
-    tab.until("labr.state.stage === 'paused' && labr.state.pose.speed_mps < 0.05")
+    tab.press("Pause", "labr.state.stage === 'paused'")
+    tab.until("labr.state.pose.speed_mps < 0.05")
     tab.button("Go to").click()
     tab.button("Top").click()
     here = tab.page.evaluate("labr.state.pose.position_m")
@@ -131,7 +129,7 @@ def go_to(tab):
     tab.until("labr.pick.x !== null")
     picked = tab.page.evaluate("[labr.pick.x, labr.pick.y]")
     assert np.hypot(picked[0] - place[0], picked[1] - place[1]) < 0.15
-    tab.button("Go").last.click()
+    tab.page.get_by_role("button", name="Go", exact=True).click()
     tab.until("labr.answer.kind === 'goto' && labr.answer.verdict === 'accepted'")
     tab.until("labr.state.goal?.label.startsWith('go to')")
     tab.until("labr.state.stage === 'paused'", 60)  # it is there, and waits
@@ -152,15 +150,15 @@ def a_stalled_console_locks_driving(tab, flight):
         os.kill(pid, signal.SIGCONT)
     tab.until("!labr.lock", 20)
     if not tab.page.evaluate("labr.holds"):
-        tab.button("Take control").click()
+        tab.press("Take control", "labr.holds")
     tab.says("You have control")
     tab.until("labr.drives")
 
 
 def abort(tab):
     """Hold Esc; returns when the hold was complete, and how long the page stalled meanwhile."""
-    tab.page.evaluate("""() => { const ask = labr.ask; window.lag_s = 0;
-      document.addEventListener('keydown', () => { window.pressed = Date.now() / 1000 + labr.abortHold; }); }""")
+    tab.page.evaluate("""() => { window.lag_s = 0; document.addEventListener('keydown',
+      () => { window.pressed = Date.now() / 1000 + labr.abortHold; }); }""")
     tab.page.keyboard.down("Escape")
     tab.until("labr.state.stage === 'ending'", 10)
     tab.page.keyboard.up("Escape")

@@ -41,9 +41,11 @@ export default {
 
       <section class="links panel" aria-label="age of each link">
         <div v-for="link in links" :key="link.name" class="link" :class="{late: link.late}" :data-link="link.key">
-          <span>{{ link.name }}</span><b>{{ link.text }}</b><small v-if="link.late">STALE</small>
+          <span>{{ link.name }}</span><b>{{ link.text }}</b><small>{{ link.late ? 'STALE' : 'fresh' }}</small>
         </div>
-        <div v-if="lock" class="lock" role="alert"><b>Driving is locked.</b> {{ lock }}</div>
+        <p class="lock" :class="{on: lock}" role="status" aria-live="assertive" v-if="!facts.replay">
+          <b>{{ lock ? '✗ Driving is locked.' : ended ? 'Over.' : '✓ Driving is not locked.' }}</b>
+          {{ lock || (ended ? '' : 'All links are fresh.') }}</p>
       </section>
 
       <section class="panel act" aria-label="what to do">
@@ -89,8 +91,8 @@ export default {
           </div>
           <form v-if="picking" class="pick" @submit.prevent="go">
             <p>Tap the place in the 3D view, or type it.</p>
-            <label>x <input v-model.number="pick.x" type="number" step="0.1" required @input="mark"> m</label>
-            <label>y <input v-model.number="pick.y" type="number" step="0.1" required @input="mark"> m</label>
+            <label>x <input v-model.number="pick.x" aria-label="x in metres" type="number" step="any" required @input="mark"> m</label>
+            <label>y <input v-model.number="pick.y" aria-label="y in metres" type="number" step="any" required @input="mark"> m</label>
             <label>height <select v-model="pick.z"><option :value="null">on the floor</option>
               <option v-for="h in heights" :key="h" :value="h">{{ h }} m, flown</option></select></label>
             <button type="submit" class="strong" :disabled="!drives || pick.x === null || pick.y === null">Go</button>
