@@ -20,6 +20,7 @@ from labr_autonomy.record.mcap_log import read_raw
 from labr_autonomy.replay.verdict import Difference
 from labr_autonomy.types import DepthFrame, Intrinsics
 
+CAUSES = ("network", "followed", "source", "reason")
 NOT_COMPARED = ("timings",)  # how long it took is no decision
 
 
@@ -113,8 +114,10 @@ def count_plans(run: Path) -> int:
 
 
 def _decided(result: PlanResult) -> dict[str, Any]:
+    """What is compared, causes first: a network that differs is named before the trajectory it led to."""
     packed: dict[str, Any] = pack(result)
-    return {name: value for name, value in packed.items() if name not in NOT_COMPARED}
+    rest = (name for name in packed if name not in CAUSES and name not in NOT_COMPARED)
+    return {name: packed[name] for name in (*CAUSES, *rest)}
 
 
 def _frame(shown: dict[str, Any] | None, depth: Any) -> DepthFrame | None:

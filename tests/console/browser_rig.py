@@ -14,7 +14,7 @@ import pytest
 
 LABR = [sys.executable, "-m", "labr_autonomy"]
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]  # WebGL without a graphics card
 LAG = """
 window.lag_s = 0; window.last_s = performance.now() / 1000;
 setInterval(() => { const now = performance.now() / 1000;
