@@ -7,6 +7,7 @@ from typing import Any
 
 from labr_autonomy.perception.compiled import compiled
 from labr_autonomy.perception.ground import BELOW, FLOOR, NOTHING, STANDS
+from labr_autonomy.perception.point_distance import SPOT
 from labr_autonomy.perception.raycast import add_return, return_worth, wholly_in_view
 
 CELL_M = 0.05
@@ -16,6 +17,7 @@ OCCUPIED = 30
 NO_FLOOR = -32768  # of the heights [mm]
 DROP = 6  # worth of a place where a floor is missing
 FLOOR_SHARE = 0.3  # of a new height in a cell's
+SPOT_SHARE = 0.1  # of a return in the mean place of its cell's returns
 STEP_M = 0.10  # neighbouring floors farther apart than this are a ledge
 FLOOR_TO_M = 4.0  # heights are believed up to this distance
 DROP_TO_M = 3.0  # and missing floors up to this one
@@ -53,11 +55,16 @@ def _carve(marks: Any, touched: Any, count: int, n: int, x0: float, y0: float, x
 
 
 @compiled
-def _fill(marks: Any, touched: Any, count: int, n: int, x: float, y: float, worth: int) -> int:
-    """Add a return to the cell of a place."""
+def _fill(marks: Any, touched: Any, count: int, odds: Any, spots: Any, x: float, y: float, worth: int) -> int:
+    """Add a return to the cell of a place, and its spot to the mean of the cell's returns."""
+    n = odds.shape[0]
     i, j = math.floor(x), math.floor(y)
     if not (0 <= i < n and 0 <= j < n):
         return count
+    share = SPOT_SHARE if odds[i, j] > 0 or marks[i * n + j] > 1 else 1.0
+    for axis, spot in enumerate((x - i - 0.5, y - j - 0.5)):
+        old = spots[i, j, axis]
+        spots[i, j, axis] = round(old + share * (SPOT * spot - old))
     count = add_return(marks, touched, count, i * n + j, worth, HIT)
     return count
 
@@ -97,6 +104,8 @@ def _take_return(
     top_m: float,
     range_m: float,
     heights: Any,
+    odds: Any,
+    spots: Any,
     marks: Any,
     touched: Any,
     count: int,
@@ -110,9 +119,10 @@ def _take_return(
             fresh = floor_mm if old == NO_FLOOR else old + FLOOR_SHARE * (floor_mm - old)
             heights[i, j] = round(min(max(fresh, -32000.0), 32000.0))
     elif kind == STANDS and above_m <= top_m and run_m <= range_m:
-        count = _fill(marks, touched, count, n, x, y, return_worth(HIT, CELL_M, spread))
+        count = _fill(marks, touched, count, odds, spots, x, y, return_worth(HIT, CELL_M, spread))
     elif kind == BELOW and above_m < -STEP_M and end * run_m <= DROP_TO_M:
-        count = _fill(marks, touched, count, n, eye_x + end * (x - eye_x), eye_y + end * (y - eye_y), DROP)
+        at_x, at_y = eye_x + end * (x - eye_x), eye_y + end * (y - eye_y)
+        count = _fill(marks, touched, count, odds, spots, at_x, at_y, DROP)
     return count
 
 
@@ -129,10 +139,14 @@ def cast(
     sampling: Any,
     range_m: float,
     heights: Any,
+    odds: Any,
+    spots: Any,
     marks: Any,
     touched: Any,
 ) -> int:
-    """Mark what an image says, and take its floors into `heights`; see `DrivingLayer.update`.
+    """Mark what an image says, take its floors into `heights` and its returns' places into `spots`.
+
+    See `DrivingLayer.update`.
 
     `corner` ends in the floor's height. Returns how many cells were touched.
     """
@@ -180,6 +194,8 @@ def cast(
                 top_m,
                 range_m,
                 heights,
+                odds,
+                spots,
                 marks,
                 touched,
                 count,

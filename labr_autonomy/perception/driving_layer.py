@@ -34,6 +34,7 @@ class DrivingLayer:
         n = round(side_m / CELL_M)
         self.odds = np.zeros((n, n), np.int8)
         self.heights_mm = np.full((n, n), NO_FLOOR, np.int16)
+        self.spots = np.zeros((n, n, 2), np.int8)  # mean place of a cell's returns; `point_distance`
         self._top_m = top_m
         self._corner = np.zeros(2, np.int64)  # odom, in whole cells
         self._marks = np.zeros(n * n, np.int8)
@@ -54,6 +55,7 @@ class DrivingLayer:
         if by.any():
             self.odds = moved(self.odds, by, 0)
             self.heights_mm = moved(self.heights_mm, by, NO_FLOOR)
+            self.spots = moved(self.spots, by, 0)
         self._corner = corner
         place = np.array(place_m[:2], float)
         if self._faded_m is None:
@@ -104,6 +106,8 @@ class DrivingLayer:
             sampling,
             range_m,
             self.heights_mm,
+            self.odds,
+            self.spots,
             self._marks,
             self._touched,
         )
@@ -121,15 +125,17 @@ class DrivingLayer:
         region = self.odds[low[0] : high[0], low[1] : high[1]]
         region[disc] = np.minimum(region[disc], LOWEST)
 
-    def field(self) -> Field2:
+    def field(self, *, shadows: bool = True) -> Field2:
         """Distance to what hinders the driving body, over the whole square.
 
-        Of a box that was seen from one side the others are not known: what is unknown beside something solid
-        counts as solid, `SHADOW_M` deep.
+        Args:
+            shadows: Of a box that was seen from one side the others are not known: what is unknown beside
+                something solid counts as solid, `SHADOW_M` deep. Without, as unknown.
         """
         occupied = self.odds >= OCCUPIED
         kernels.ledges(self.heights_mm, round(1000.0 * STEP_M), occupied)
         known = occupied | (self.odds < 0)
-        level, queue = np.zeros(occupied.shape, np.int16), np.empty(occupied.size, np.int32)
-        kernels.shadows(occupied, self.odds, round(SHADOW_M / CELL_M), level, queue)
-        return Field2.from_occupied(occupied, known, self.origin_m, CELL_M)
+        if shadows:
+            level, queue = np.zeros(occupied.shape, np.int16), np.empty(occupied.size, np.int32)
+            kernels.shadows(occupied, self.odds, round(SHADOW_M / CELL_M), level, queue)
+        return Field2.from_points(occupied, known, self.spots, self.origin_m, CELL_M)

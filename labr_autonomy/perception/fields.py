@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from labr_autonomy.perception.edt import distance_to
 from labr_autonomy.perception.interpolate import interpolated
+from labr_autonomy.perception.point_distance import SPOT, distance_to_points
 from labr_autonomy.perception.skin import skin
 from labr_autonomy.types import Array
 
@@ -93,6 +94,36 @@ class _Field:
 class Field2(_Field):
     """Distance to what hinders the driving body, over the floor plan."""
 
+    points_m: Array | None = None  # (m, 2) where the solid cells' contents stand, if it is known
+
+    @property
+    def grain_m(self) -> float:
+        """Radius of what a surface point stands for."""
+        return 0.5 * self.cell_m if self.points_m is None else 0.0
+
+    def surface_points(self) -> Array:
+        """Points on what is solid, (m, 2) odom: the contents of its cells where known, else their centres."""
+        return _Field.surface_points(self) if self.points_m is None else self.points_m
+
+    @classmethod
+    def from_points(
+        cls, occupied: Bits, known: Bits, spots: NDArray[np.int8], origin_m: Array, cell_m: float
+    ) -> Field2:
+        """Distances to the points in an occupancy grid's cells, which lie beside their middles by `spots`.
+
+        Outside solid cells the distance is that to the nearest point (`point_distance`); inside it stays
+        that to the next free cell.
+        """
+        origin = np.asarray(origin_m, float)
+        if not occupied.any() or occupied.all():
+            return cls(_signed_m(occupied, cell_m), known, origin, cell_m)
+        cell = np.float32(cell_m)
+        inside = (np.float32(0.5) - distance_to(occupied, False)) * cell
+        away = distance_to_points(occupied, spots) * cell
+        border = np.argwhere(occupied & (inside > -cell))
+        points = origin + (border + 0.5 + spots[tuple(border.T)] / SPOT) * cell_m
+        return cls(np.where(occupied, inside, away), known, origin, cell_m, points)
+
     @classmethod
     def from_occupied(cls, occupied: Bits, known: Bits, origin_m: Array, cell_m: float) -> Field2:
         """Exact Euclidean distances of an occupancy grid (nx, ny)."""
@@ -113,6 +144,11 @@ class Field2(_Field):
 @dataclass(frozen=True, slots=True)
 class Field3(_Field):
     """Distance to anything solid, in a box of space."""
+
+    @property
+    def grain_m(self) -> float:
+        """Radius of what a surface point stands for."""
+        return 0.5 * self.cell_m
 
     @classmethod
     def from_occupied(cls, occupied: Bits, known: Bits, origin_m: Array, cell_m: float) -> Field3:

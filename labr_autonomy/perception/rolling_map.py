@@ -189,16 +189,17 @@ class RollingMap:
         if pose.position_m[2] - self.floor_z_m <= body.below_m + ON_WHEELS_M:
             self.driving.clear(pose.position_m[:2], body.radius_m)
 
-    def land_field(self, pose: Pose, floor_z_m: float) -> Field2:
+    def land_field(self, pose: Pose, floor_z_m: float, *, shadows: bool = True) -> Field2:
         """Distance to what hinders the driving body, over the whole box; `driving_layer`.
 
         Args:
             pose: Body in odom; with the floor's height it places the box when nothing has been seen yet.
             floor_z_m: Of the floor below it, odom.
+            shadows: See `DrivingLayer.field`.
         """
         if not self._placed:
             self._follow(pose.position_m, floor_z_m)
-        return self.driving.field()
+        return self.driving.field(shadows=shadows)
 
     def slice_field(self, pose: Pose, floor_z_m: float) -> Field2:
         """Distance to what would hinder a robot that drove at some height, as for flying at it.

@@ -9,14 +9,11 @@ from numpy.typing import NDArray
 
 
 def moved(values: NDArray[Any], by: NDArray[np.int64], new: int) -> NDArray[Any]:
-    """The contents of a grid whose corner moves by whole cells along each axis; `new` is what comes in."""
+    """The contents of a grid whose corner moves by whole cells along its first axes; `new` comes in."""
     out = np.full_like(values, new)
-    if all(abs(int(d)) < n for d, n in zip(by, values.shape, strict=True)):
-        source = tuple(
-            slice(max(0, int(d)), n + min(0, int(d))) for d, n in zip(by, values.shape, strict=True)
-        )
-        target = tuple(
-            slice(max(0, -int(d)), n - max(0, int(d))) for d, n in zip(by, values.shape, strict=True)
-        )
+    moves = [(int(d), n) for d, n in zip(by, values.shape, strict=False)]
+    if all(abs(d) < n for d, n in moves):
+        source = tuple(slice(max(0, d), n + min(0, d)) for d, n in moves)
+        target = tuple(slice(max(0, -d), n - max(0, d)) for d, n in moves)
         out[target] = values[source]
     return out

@@ -29,8 +29,8 @@ from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Pose, Source
 NETWORK_RANGE_M = 8.0  # farther goals are shown to the network at most at this distance, on the floor
 FAR_M = 3.0 * NETWORK_RANGE_M  # a key point farther away than this is not meant
 GOAL_JOIN_M = 0.6  # a path that ends this near the goal ends at it
-ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow
-NARROW_MARGIN_M = 0.01  # the same where the map offers no other way
+ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow with ease
+NARROW_MARGIN_M = 0.01  # and so that it can follow at all
 TIGHT_M = 0.12  # as near as this to obstacles leads a way when there is no other
 CAREFUL_MPS = 0.3
 PUSH_M = 0.08  # by so much the refiner pushes a path out of obstacles
@@ -153,12 +153,14 @@ class Pipeline:
         goal = request.goal_m[:2]
 
         def search() -> CostToGo:
-            reach_m = _reach_m(request)
-            plan, hard_m = field.coarser(), self._refiner.land_hard_m
-            wide = CostToGo(plan, goal, hard_m + ROUTE_MARGIN_M, reach_m=reach_m)
-            if math.isfinite(wide.cost_m(request.body_pose.position_m[:2])):
-                return wide
-            return CostToGo(plan, goal, hard_m + NARROW_MARGIN_M, reach_m=reach_m)
+            hard_m = self._refiner.land_hard_m
+            return CostToGo(
+                self._map.land_field(request.body_pose, request.floor_z_m, shadows=False).coarser(),
+                goal,
+                hard_m + NARROW_MARGIN_M,
+                reach_m=_reach_m(request),
+                roomy_m=hard_m + ROUTE_MARGIN_M,
+            )
 
         return self._land_ways.of((float(goal[0]), float(goal[1])), request.start_s, search)
 
@@ -262,6 +264,7 @@ class Pipeline:
             request.goal_m[:2],
             self._refiner.land_hard_m + NARROW_MARGIN_M,
             reach_m=_reach_m(request),
+            roomy_m=self._refiner.land_hard_m + ROUTE_MARGIN_M,
             tight_m=TIGHT_M,
             closed=closed,
         )

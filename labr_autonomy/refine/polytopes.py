@@ -23,7 +23,7 @@ class Polytopes:
 
     def __init__(self, field: DistanceField, aim_m: float) -> None:
         self._aim_m = aim_m
-        self._half_m = field.cell_m / 2.0
+        self._half_m = field.grain_m
         points = field.surface_points()
         if points.shape[1] == 3 and len(points):
             points = _thinned(points, THIN_3D_M)

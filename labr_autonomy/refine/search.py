@@ -22,6 +22,7 @@ START_SNAP_M = 0.8
 NEAR_COST, NEAR_M = 1.5, 0.25  # extra cost of a cell at the outline, and its decay with distance
 KEEP_M = 0.05  # distance beyond the radius where the extra cost is full
 ON_CELL = 0.51  # a goal this many cells from a cell's centre lies in it
+NARROW_COST = 3.0  # factor on cells that are nearer to obstacles than a way likes to be
 TIGHT_COST = 20.0  # factor on cells that are nearer to obstacles than a way should be
 CLOSED_M = 0.35  # round a place through which no way is to lead
 GAIN = 1.02  # a straight cut may cost this much of what it replaces
@@ -38,6 +39,7 @@ class CostToGo:
         radius_m: Least distance of a way to obstacles.
         unknown_cost: Factor on unknown cells (1 = as good as known).
         reach_m: How far the goal may be moved to free space.
+        roomy_m: Ways keep this distance where the detour is short: nearer is dearer by `NARROW_COST`.
         tight_m: Ways may come as near as this to obstacles, at `TIGHT_COST`; `radius_m` when left out.
         closed: (k, 2) places that no way leads through, within `CLOSED_M`.
     """
@@ -50,6 +52,7 @@ class CostToGo:
         unknown_cost: float = 2.0,
         reach_m: float = GOAL_SNAP_M,
         *,
+        roomy_m: float = 0.0,
         tight_m: float | None = None,
         closed: Sequence[Array] = (),
     ) -> None:
@@ -61,6 +64,8 @@ class CostToGo:
         for place in closed:
             _shut(self._free, (place - field.origin_m) / field.cell_m - 0.5, CLOSED_M / field.cell_m)
         self._price = cell_cost(distance, field.known, radius_m, unknown_cost)
+        if roomy_m > radius_m:
+            self._price = np.where(distance > roomy_m, self._price, NARROW_COST * self._price)
         if tight_m is not None:
             self._price = np.where(distance > radius_m, self._price, TIGHT_COST * self._price)
         inside = np.clip(goal_xy, field.origin_m + field.cell_m / 2, field.upper_m - field.cell_m / 2)

@@ -39,8 +39,13 @@ class DistanceField(Protocol):
         """(n,) True where the map has seen the place; False outside the map."""
         ...
 
+    @property
+    def grain_m(self) -> float:
+        """Radius of what a surface point stands for."""
+        ...
+
     def surface_points(self) -> Array:
-        """Centres of obstacle cells at surfaces, (m, d)."""
+        """Points on the surfaces of what is solid, (m, d)."""
         ...
 
 
