@@ -39,6 +39,7 @@ from labr_autonomy.mission.steps import Status
 from labr_autonomy.processes import on_time
 from labr_autonomy.record.mcap_log import FlightLog
 from labr_autonomy.record.report import write_report
+from labr_autonomy.record.run_data import LATENCIES
 from labr_autonomy.record.run_folder import make_run_folder
 from labr_autonomy.record.summary import Outcome, Summary, write_summary
 from labr_autonomy.record.tlog import Tlog
@@ -225,6 +226,8 @@ async def _flight(
             await flight.close()
         if flight.record.map_xy_m is not None:
             np.savez_compressed(run_dir / "map.npz", occupied_xy=flight.record.map_xy_m)
+        loops = {name: np.array(getattr(flight.record, name), np.float32) for name in LATENCIES}
+        np.savez_compressed(run_dir / "latencies.npz", **loops)  # type: ignore[arg-type] # names are free
         return summarise.flown(
             mission.name, flight.record, ended.outcome, ended.reason, seed, here, flight.planner_versions
         )

@@ -47,7 +47,8 @@ figcaption { font-size: 13px; color: var(--faint); font-variant-numeric: tabular
 table { border-collapse: collapse; width: 100%; font-size: 14px; }
 th, td { padding: 4px 8px; border-bottom: 1px solid var(--line); vertical-align: top; }
 th { color: var(--faint); font-weight: 600; white-space: nowrap; }
-.word { text-align: left; } .figure { text-align: right; font-variant-numeric: tabular-nums; }
+.word { text-align: left; } th, td.figure { white-space: nowrap; }
+.figure { text-align: right; font-variant-numeric: tabular-nums; }
 @media print {
   @page { margin: 12mm; }
   body { background: #fff; font-size: 11pt; print-color-adjust: exact; -webkit-print-color-adjust: exact; }

@@ -164,6 +164,7 @@ def summary() -> Summary:
         seed=1,
         mission="first flight",
         start_m=(-5.5, -3.0, 0.12),
+        extra={"leg_ends_mono_s": [T0_S + 19, T0_S + 38, T0_S + 60]},
         legs=[
             Leg(0, "goto far_corner", "done", 0.0, 19.0, (-2.3, -0.8), 4.1, 0.0, 1596.0, 0.21),
             Leg(1, "goto lookout", "done", 19.0, 19.0, (1.0, -2.1, 1.5), 0.3, 4.2, 11000.0, 0.18),
@@ -186,6 +187,8 @@ def whole_run(tmp_path_factory) -> Path:
         quaternion=np.tile([1.0, 0, 0, 0], (len(t), 1)),
         mode=np.array(["air" if flying(s) else "land" for s in t]),
     )
+    late = np.random.default_rng(2).gamma(2.0, 0.01, 500)
+    np.savez(run / "latencies.npz", tick_late_s=late / 20, plan_cycle_s=late * 3, setpoint_age_s=late * 5)
     rng = np.random.default_rng(1)
     boxes = np.round(rng.uniform([-6, -4.5], [6, 4.5], (14, 2)), 1)
     side = np.linspace(-0.4, 0.4, 9)  # 0.1 m cells, as of the map

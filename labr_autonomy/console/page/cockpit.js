@@ -53,7 +53,7 @@ export default {
           <h2>Replay of {{ facts.run }}</h2>
           <input type="range" min="0" :max="replay.length_s" step="0.1" :value="replay.at_s" class="scrub"
             aria-label="place in the recording" @input="seek($event.target.value)">
-          <div class="buttons">
+          <div class="buttons transport">
             <button type="button" @click="play('step', -1)" aria-label="one step back">◀ step</button>
             <button type="button" class="strong" @click="play(replay.playing ? 'pause' : 'play')">
               {{ replay.playing ? '❚❚ Pause' : '▶ Play' }}</button>
@@ -76,7 +76,7 @@ export default {
             <button type="button" v-if="role === 'operator' && !ended" class="take"
               @click="ask(holds ? 'release' : 'take')">{{ holds ? 'Give back' : 'Take control' }}</button>
           </div>
-          <div class="buttons">
+          <div class="buttons" v-if="role === 'operator'">
             <hold-button v-if="state.stage === 'waiting'" class="strong start" label="▶ Start" sub="hold"
               :disabled="!drives" @held="ask('start')"/>
             <button type="button" v-else-if="state.stage === 'paused'" class="strong" :disabled="!drives"
