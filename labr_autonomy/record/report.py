@@ -18,7 +18,7 @@ from labr_autonomy.record.run_data import RunData, read_run
 DEPTH_FRAMES = 6
 EVENTS_MAX = 80
 PAIR_S = 0.3  # a plan belongs to a frame taken this near to its own; points are drawn from the frame's pose
-SIDE = (
+SIDE = f"Height of the body over the way; grey: obstacles within {pictures.NEAR_M} m of it."
     f"Height of the body over the distance travelled; grey: obstacles within {pictures.NEAR_M} m of the way."
 )
 PLANNERS_SHOWN = 3
