@@ -19,9 +19,7 @@ DEPTH_FRAMES = 6
 EVENTS_MAX = 80
 PAIR_S = 0.3  # a plan belongs to a frame taken this near to its own; points are drawn from the frame's pose
 SIDE = f"Height of the body over the way; grey: obstacles within {pictures.NEAR_M} m of it."
-    f"Height of the body over the distance travelled; grey: obstacles within {pictures.NEAR_M} m of the way."
-)
-PLANNERS_SHOWN = 3
+PLANNERS_SHOWN = 2
 MOVED_M = 0.1  # less than this in a mode is no leg of that mode
 OUTCOMES = {
     "success": ("good", "Mission accomplished"),
@@ -125,7 +123,7 @@ def _legs(data: RunData) -> str:
                 str(int(leg.get("index", 0)) + 1),
                 str(leg.get("label", "")),
                 str(leg.get("outcome", "")),
-                ", ".join(f"{v:g}" for v in goal) if goal else "-",
+                ", ".join(f"{v:.2f}" for v in goal) if goal else "-",
                 _mode(leg),
                 _planned_by(data, i),
                 _figure(leg.get("start_s"), "", 1),
@@ -168,7 +166,7 @@ def _planned_by(data: RunData, index: int) -> str:
     begin_s = end_s - float(data.summary["legs"][index].get("duration_s") or 0.0)
     sources = [str(p.get("source")) for p in data.plans if begin_s <= float(p["stamp_s"]) < end_s]
     counted = Counter(sources).most_common(PLANNERS_SHOWN)
-    return ", ".join(f"{name} {100.0 * n / len(sources):.0f} %" for name, n in counted) or "-"
+    return ", ".join(f"{name}\u00a0{100.0 * n / len(sources):.0f}\u00a0%" for name, n in counted) or "-"
 
 
 def _depth_frames(data: RunData) -> str:

@@ -68,7 +68,7 @@ def test_the_report_holds_every_part(page):
         "goto far_corner",
         "0.81, not used",
         "seed 1",
-        "gkpn 67 %, search 33 %",
+        "gkpn\u00a067\u00a0%, search\u00a033\u00a0%",
         "land + air",
     ):
         assert words in text
