@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,9 +125,24 @@ def _serve(
             else:
                 click.echo("\n".join([*served_page.sentences, "Ctrl-C ends it"]))
             try:
-                served_page.wait()
+                with interrupted_by(signal.SIGTERM):
+                    served_page.wait()
             except KeyboardInterrupt:
                 return
+
+
+@contextlib.contextmanager
+def interrupted_by(number: int) -> Iterator[None]:
+    """A signal ends what runs within as Ctrl-C does."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
 
 
 def _repair(run: Path, as_json: bool) -> None:

@@ -16,7 +16,7 @@ from labr_autonomy.console.depth_view import project
 from labr_autonomy.console.map_slot import MapReader, MapView
 from labr_autonomy.console.requests import Request
 from labr_autonomy.console.slot import JsonReader, JsonWriter
-from labr_autonomy.errors import BadInput, LinkError
+from labr_autonomy.errors import BadInput, LinkError, Refused
 from labr_autonomy.perception.frame_slot import FrameReader
 from labr_autonomy.record.depth_jpeg import depth_jpeg
 from labr_autonomy.types import Image
@@ -69,11 +69,20 @@ class LiveFeed:
     Args:
         pid: Its process id.
         clock: Time.
+
+    Raises:
+        Refused: when the flight has a console already.
     """
 
     def __init__(self, pid: int, clock: Clock) -> None:
         self._pid, self._clock = pid, clock
-        self._requests = JsonWriter(names.request_slot(pid), {}, names.REQUEST_MAX, names.REQUEST_SLOTS)
+        try:
+            self._requests = JsonWriter(names.request_slot(pid), {}, names.REQUEST_MAX, names.REQUEST_SLOTS)
+        except LinkError as error:
+            raise Refused(
+                f"the flight of process {pid} has a console already ({error.what})",
+                "Open the address which that one printed, or end it first",
+            ) from None
         self._reader: JsonReader | None = None
         self._maps: MapReader | None = None
         self._frames: FrameReader | None = None

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labr_autonomy.errors import BadInput, LinkError
+from labr_autonomy.errors import BadInput, LinkError, Refused
 
 END_S = 5.0
 LOCAL = "127.0.0.1"
@@ -70,7 +70,7 @@ class ConsoleProcess:
         """Start it and wait until it listens.
 
         Raises:
-            BadInput: with the console's own sentence.
+            BadInput, Refused: with the console's own sentence.
             LinkError: when it ends without a word.
         """
         scratch = tempfile.gettempdir()
@@ -104,7 +104,8 @@ class ConsoleProcess:
             ) from None
         if answer["event"] != "ready":
             self.close()
-            raise BadInput(answer["what"], answer["do"])
+            kind = BadInput if answer["exit_code"] == BadInput.exit_code else Refused
+            raise kind(answer["what"], answer["do"])
         self.urls = (answer["urls"][0], answer["urls"][1])
         return self
 

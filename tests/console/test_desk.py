@@ -53,12 +53,15 @@ class Rig:
         self.desk = Desk(CONFIG, self.pilot, self.record, self.said.append, waits=waits)
         known = facts_of(CONFIG, "m", "run", [FENCE], np.array([0, 0, 0.12]), 0.0, os.getpid())
         self.desk.open(os.getpid(), known, [FENCE], np.zeros(3), 0.0)
-        self.console = JsonWriter(names.request_slot(os.getpid()), {}, names.REQUEST_MAX, names.REQUEST_SLOTS)
+        self.console = self.make_console()
         self.sequence = 0
         self.ages = dict(FRESH)
         self.place = np.array([0.0, 0.0, CONFIG.body.below_m])
         self.actions = None
         self.tick()
+
+    def make_console(self):
+        return JsonWriter(names.request_slot(os.getpid()), {}, names.REQUEST_MAX, names.REQUEST_SLOTS)
 
     def close(self):
         self.desk.close()
