@@ -50,11 +50,11 @@ class Outcome:
 
 def admit(state: State, request: Request, now_s: float) -> tuple[State, Outcome]:
     """Look at one request."""
+    kind, holds = request.kind, state.holder == request.page
+    if kind is Kind.KEEP:  # says nothing, so it has no number of its own and is not answered either
+        return (replace(state, alive_s=now_s) if holds else state), Outcome()
     if request.sequence <= state.last.get(request.page, 0):
         return state, Outcome()  # it was answered before: sent twice, or a double click
-    kind, holds = request.kind, state.holder == request.page
-    if kind is Kind.KEEP:  # says nothing, so it is not answered either
-        return (replace(state, alive_s=now_s) if holds else state), Outcome()
     state = replace(state, last=_noted(state.last, request))
     age_s = now_s - request.stamp_s
     limit_s = ABORT_AGE_MAX_S if kind is Kind.ABORT else AGE_MAX_S

@@ -82,7 +82,8 @@ def test_taking_over_is_said_and_names_both_pages():
 def test_a_silent_page_loses_control_and_a_living_one_keeps_it():
     state, said = expire(held_by("A"), NOW_S + LEASE_S - 0.01)
     assert (state.holder, said) == ("A", "")
-    kept, _ = admit(state, Request("A", 1, Kind.KEEP, 0.0), NOW_S + LEASE_S)
+    asked, _ = admit(state, ask(Kind.PAUSE, sequence=5), NOW_S)
+    kept, _ = admit(asked, Request("A", 5, Kind.KEEP, 0.0), NOW_S + LEASE_S)
     assert expire(kept, NOW_S + 2 * LEASE_S - 0.01)[0].holder == "A"
     lost, said = expire(kept, NOW_S + 2 * LEASE_S + 0.1)
     assert lost.holder == ""

@@ -7,10 +7,11 @@ import threading
 
 import numpy as np
 import pytest
-from browser_rig import Tab, artefacts, chromium, needs_chromium, served
+from browser_rig import LABR, Tab, artefacts, chromium, needs_chromium, served
 from test_desk import Rig, plan
 
 from labr_autonomy.clock import SystemClock
+from labr_autonomy.console.admission import LEASE_S
 from labr_autonomy.mission.operator import Stage
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(120), needs_chromium]
@@ -92,6 +93,8 @@ def test_each_request_is_answered_in_time_and_the_page_works_by_keyboard_alone(f
     keys.down("Space")
     tab.until("labr.state.stage === 'running'")
     keys.up("Space")
+    tab.page.wait_for_timeout(1000 * (LEASE_S + 1))
+    assert tab.page.evaluate("labr.holds")  # it need not say so by itself
     took_s = []
     for words, kind in (("Pause", "pause"), ("Resume", "resume")) * 3:
         tab.page.evaluate("""kind => { window.asked = 0; window.took = 0;

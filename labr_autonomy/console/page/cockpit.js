@@ -76,7 +76,7 @@ export default {
             <button type="button" v-if="role === 'operator' && !ended" class="take"
               @click="ask(holds ? 'release' : 'take')">{{ holds ? 'Give back' : 'Take control' }}</button>
           </div>
-          <div class="buttons" v-if="role === 'operator'">
+          <div class="buttons" v-if="role === 'operator' && !ended">
             <hold-button v-if="state.stage === 'waiting'" class="strong start" label="▶ Start" sub="hold"
               :disabled="!drives" @held="ask('start')"/>
             <button type="button" v-else-if="state.stage === 'paused'" class="strong" :disabled="!drives"

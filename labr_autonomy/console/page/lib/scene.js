@@ -61,19 +61,18 @@ export class Scene {
     this.renderer.setSize(w, h);
     this.camera.aspect = w / h;
     this.camera.updateProjectionMatrix();
-    this.draw();
+    this.draw(0); // at once: it was cleared
   }
 
-  draw() {
-    if (this.pending || this.gone) return;
-    this.pending = true;
-    const wait_ms = Math.max(0, this.drawn.at_ms + this.every_ms - performance.now());
-    setTimeout(() => requestAnimationFrame(() => this.drawNow()), wait_ms);
+  draw(wait_ms = Math.max(0, this.drawn.at_ms + this.every_ms - performance.now())) {
+    if (this.gone || (this.pending && wait_ms > 0)) return;
+    clearTimeout(this.pending);
+    this.pending = setTimeout(() => requestAnimationFrame(() => this.drawNow()), wait_ms);
   }
 
   // Figures go before pictures: where drawing is slow, it is done less often.
   drawNow() {
-    this.pending = false;
+    this.pending = null;
     if (this.gone) return;
     if (this.stale) this.update();
     const began = performance.now();
@@ -89,6 +88,7 @@ export class Scene {
 
   dispose() {
     this.gone = true;
+    clearTimeout(this.pending);
     this.resizer.disconnect();
     this.controls.dispose();
     this.renderer.dispose();
