@@ -19,7 +19,6 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect
 from labr_autonomy.air.px4 import AUTOPILOT_COMPONENT
 from labr_autonomy.air.telemetry import Message
 from labr_autonomy.clock import Clock
-from labr_autonomy.processes import keep_core
 
 ACKS_MAX = 16
 
@@ -53,7 +52,6 @@ class Mailbox:
         self._arrived: set[str] = set()
         self._woken = False
         self._lock = threading.Lock()  # guards the two fields above; never held while calling out
-        self._known_threads: set[int] = set()
         self._open = True
         self._loop = asyncio.get_running_loop()
         self._direct = direct
@@ -70,9 +68,6 @@ class Mailbox:
         """In MAVSDK's thread: keep the message and return; nothing here may call MAVSDK."""
         if message.component_id != AUTOPILOT_COMPONENT or not self._open:
             return
-        if threading.get_ident() not in self._known_threads:
-            self._known_threads.add(threading.get_ident())
-            keep_core()
         now_s = self._clock.now_s()
         try:
             kept = Message(now_s, json.loads(message.fields_json))

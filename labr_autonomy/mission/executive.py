@@ -36,7 +36,7 @@ from labr_autonomy.mission.recorded import RecordedPilot
 from labr_autonomy.mission.schema import Mission
 from labr_autonomy.mission.simulator import SimulatorProcess
 from labr_autonomy.mission.steps import Status
-from labr_autonomy.processes import on_time
+from labr_autonomy.processes import keep_cores, on_time
 from labr_autonomy.record.mcap_log import FlightLog
 from labr_autonomy.record.report import write_report
 from labr_autonomy.record.run_data import LATENCIES
@@ -216,6 +216,7 @@ async def _flight(
             if waits:
                 line.say("waiting for start on the console's page")
             with _signals(flight), on_time():
+                keep_cores()
                 try:
                     await flight.run()
                 except* LabrError as group:

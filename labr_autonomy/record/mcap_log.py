@@ -31,7 +31,6 @@ from zstandard import ZstdError  # mcap's own compression
 from labr_autonomy.clock import Clock, SystemClock, utc_s
 from labr_autonomy.config import Camera
 from labr_autonomy.errors import BadInput
-from labr_autonomy.processes import keep_core
 from labr_autonomy.record.depth_jpeg import depth_jpeg
 from labr_autonomy.record.topics import TOPICS
 from labr_autonomy.types import (
@@ -315,7 +314,6 @@ class FlightLog:
 
     def _run(self) -> None:
         """The thread: drain, write, flush; ends when told to and nothing is left."""
-        keep_core()
         flush_due_s = self._clock.now_s() + FLUSH_S
         reported = 0
         try:

@@ -11,8 +11,6 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-from labr_autonomy.processes import keep_core
-
 MAGIC_V1 = 0xFE
 MAGIC_V2 = 0xFD
 SIGNED = 0x01  # MAVLINK_IFLAG_SIGNED
@@ -85,7 +83,6 @@ class Tlog:
         self._file.close()
 
     def _run(self) -> None:
-        keep_core()
         while not self._closing.wait(FLUSH_S):
             self._flush()
         self._flush()

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from labr_autonomy.processes import keep_core, on_time
+from labr_autonomy.processes import keep_cores, on_time
 
 
 def test_it_is_given_back_and_not_inherited():
@@ -31,19 +31,23 @@ def test_without_permission_it_goes_on(monkeypatch):
         assert not granted
 
 
-def test_a_thread_beside_the_set_points_keeps_its_core_and_yields_to_them():
-    found = []
+def test_the_other_threads_keep_their_cores_and_yield_to_the_set_points():
+    found, asked = [], threading.Event()
 
     def run():
-        keep_core()
-        found.append(
-            (os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK, os.sched_getparam(0).sched_priority)
-        )
+        asked.wait(10)
+        policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+        found.append((policy, os.sched_getparam(0).sched_priority))
 
     thread = threading.Thread(target=run)
     thread.start()
-    thread.join()
     with on_time() as granted:
-        if not granted:
-            pytest.skip("this user may not use SCHED_RR")
-        assert found == [(os.SCHED_RR, os.sched_getparam(0).sched_priority - 1)]
+        count = keep_cores()
+        own = os.sched_getparam(0).sched_priority
+        asked.set()
+        thread.join()
+    if not granted:
+        assert count == 0
+        pytest.skip("this user may not use SCHED_RR")
+    assert count >= 1
+    assert found == [(os.SCHED_RR, own - 1)]
