@@ -20,6 +20,11 @@ from labr_autonomy.types import Array
 MOVED_M = 0.4  # less than this is standing
 NO_WAY_S = 1.0  # standing so long without a way on the map
 STANDS_S = 4.0  # or so long with one
+TURNED_RAD, STILL_S, TURNS_S = (
+    0.35,
+    2.0,
+    10.0,
+)  # who still turns towards a way is given longer, but not for ever
 LOOKS = 4  # headings of a look all round
 LOOKED_RAD = 0.25
 LOOK_S = 5.0  # for each heading at most
@@ -74,6 +79,8 @@ class State:
     from_m: Array = field(default_factory=lambda: np.full(2, np.inf))  # where the action began
     anchor_m: Array = field(default_factory=lambda: np.full(2, np.inf))  # the last place that it left
     anchor_s: float = -math.inf
+    turned_rad: float | None = None  # the last heading that it left
+    turned_s: float = -math.inf
     trouble_m: Array | None = None  # where the trouble began
     trouble_s: float = math.inf
     looked_m: Array | None = None
@@ -97,13 +104,16 @@ def step(state: State, facts: Facts, now_s: float) -> State:
     here = facts.place_m
     if not _gap(here, state.anchor_m) <= MOVED_M:
         state = replace(state, anchor_m=here, anchor_s=now_s)
+    if state.turned_rad is None or abs(wrap_pi(facts.yaw_rad - state.turned_rad)) > TURNED_RAD:
+        state = replace(state, turned_rad=facts.yaw_rad, turned_s=now_s)
     state = replace(state, closed=tuple(c for c in state.closed if c.until_s > now_s))
     if state.trouble_m is not None and _gap(here, state.trouble_m) > AWAY_M and facts.way:
         state = replace(state, trouble_m=None, trouble_s=math.inf, tries=0, looked_m=None)
     stands_s = now_s - max(state.anchor_s, state.since_s)
     match state.action:
         case Action.FOLLOW:
-            if stands_s < (STANDS_S if facts.way else NO_WAY_S):
+            turns = facts.way and now_s - state.turned_s < STILL_S and stands_s < TURNS_S
+            if turns or stands_s < (STANDS_S if facts.way else NO_WAY_S):
                 return state
             return _trouble(state, facts, now_s)
         case Action.LOOK:
@@ -150,6 +160,8 @@ def _squeezing(state: State, facts: Facts, stands_s: float, now_s: float) -> Sta
     if facts.tight_way and stands_s < STANDS_S:
         return state
     shut = () if facts.gap_m is None else (Closed(facts.gap_m, now_s + CLOSED_S),)
+    if state.turned_rad is None or abs(wrap_pi(facts.yaw_rad - state.turned_rad)) > TURNED_RAD:
+        state = replace(state, turned_rad=facts.yaw_rad, turned_s=now_s)
     state = replace(state, closed=state.closed + shut, tries=state.tries + 1)
     if facts.trail and state.tries % 2 == 1:
         return _begin(state, Action.BACK, facts, now_s)

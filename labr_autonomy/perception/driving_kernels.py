@@ -218,29 +218,3 @@ def ledges(heights: Any, step_mm: int, occupied: Any) -> None:
                     if there != NO_FLOOR and abs(here - there) > step_mm:
                         occupied[i, j] = True
                         occupied[i + a, j + b] = True
-
-
-@compiled
-def shadows(occupied: Any, odds: Any, depth: int, level: Any, queue: Any) -> None:
-    """Fill cells that were never seen, up to `depth` steps from occupied ones, through their like alone."""
-    n, m = occupied.shape
-    tail = 0
-    for i in range(n):
-        for j in range(m):
-            if occupied[i, j]:
-                queue[tail] = i * m + j
-                level[i, j] = 0
-                tail += 1
-    head = 0
-    while head < tail:
-        i, j = queue[head] // m, queue[head] % m
-        head += 1
-        if level[i, j] == depth:
-            continue
-        for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-            x, y = i + a, j + b
-            if 0 <= x < n and 0 <= y < m and odds[x, y] == 0 and not occupied[x, y]:
-                occupied[x, y] = True
-                level[x, y] = level[i, j] + 1
-                queue[tail] = x * m + y
-                tail += 1

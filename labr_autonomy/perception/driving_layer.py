@@ -8,6 +8,9 @@ does the place where a ray passes through where the floor should have been: a dr
 
 from __future__ import annotations
 
+import math
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +22,7 @@ from labr_autonomy.perception.shift import moved
 from labr_autonomy.types import Array
 
 FADE_M = 1.0  # of way takes one unit from all evidence of obstacles: the pose drifts away from it
-SHADOW_M = 0.25  # what was never seen beside something solid counts as solid, so deep
+GRAIN = 3  # cells
 
 
 class DrivingLayer:
@@ -48,9 +51,9 @@ class DrivingLayer:
         return out
 
     def follow(self, place_m: Array) -> None:
-        """Move the square by whole cells so that a place (2|3,) is in its middle; new cells are unknown."""
+        """Move the square by pairs of cells so that a place (2|3,) is in its middle; new cells are unknown."""
         n = self.odds.shape[0]
-        corner = np.floor(np.asarray(place_m[:2], float) / CELL_M).astype(np.int64) - n // 2
+        corner = 2 * np.floor(np.asarray(place_m[:2], float) / (2.0 * CELL_M)).astype(np.int64) - n // 2
         by = corner - self._corner
         if by.any():
             self.odds = moved(self.odds, by, 0)
@@ -116,26 +119,48 @@ class DrivingLayer:
 
     def clear(self, xy_m: Array, radius_m: float) -> None:
         """Mark a disc as free: the robot stands there."""
+        region, disc = self._disc(xy_m, radius_m)
+        region[disc] = np.minimum(region[disc], LOWEST)
+
+    def assume_free(self, xy_m: Array, radius_m: float) -> None:
+        """Mark what is unknown of a disc as free, as weakly as one ray does."""
+        region, disc = self._disc(xy_m, radius_m)
+        region[disc & (region >= 0) & (region < OCCUPIED)] = -1
+
+    def _disc(self, xy_m: Array, radius_m: float) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
+        """The cells about a disc, and which of their middles lie in it."""
         at = (np.asarray(xy_m, float) - self.origin_m) / CELL_M
         n = self.odds.shape[0]
         low = np.clip(np.floor(at - radius_m / CELL_M).astype(int), 0, n)
         high = np.clip(np.ceil(at + radius_m / CELL_M).astype(int), 0, n)
         i, j = np.ogrid[low[0] : high[0], low[1] : high[1]]
         disc: NDArray[np.bool_] = (i + 0.5 - at[0]) ** 2 + (j + 0.5 - at[1]) ** 2 <= (radius_m / CELL_M) ** 2
-        region = self.odds[low[0] : high[0], low[1] : high[1]]
-        region[disc] = np.minimum(region[disc], LOWEST)
+        return self.odds[low[0] : high[0], low[1] : high[1]], disc
 
-    def field(self, *, shadows: bool = True) -> Field2:
-        """Distance to what hinders the driving body, over the whole square.
-
-        Args:
-            shadows: Of a box that was seen from one side the others are not known: what is unknown beside
-                something solid counts as solid, `SHADOW_M` deep. Without, as unknown.
-        """
-        occupied = self.odds >= OCCUPIED
-        kernels.ledges(self.heights_mm, round(1000.0 * STEP_M), occupied)
-        known = occupied | (self.odds < 0)
-        if shadows:
-            level, queue = np.zeros(occupied.shape, np.int16), np.empty(occupied.size, np.int32)
-            kernels.shadows(occupied, self.odds, round(SHADOW_M / CELL_M), level, queue)
+    def seen(self) -> Field2:
+        """Distance to what was seen to hinder the driving body, over the whole square: for searches."""
+        occupied, known = self._cells(np.s_[:, :])
         return Field2.from_points(occupied, known, self.spots, self.origin_m, CELL_M)
+
+    def room(self, place_m: Array, half_m: float) -> Field2:
+        """The same near a place (2|3,), where nothing counts as free that was not seen: for trajectories.
+
+        Gaps of the unknown that are narrower than `GRAIN` cells lie between rays, not behind things.
+        """
+        n = self.odds.shape[0]
+        low = np.floor((np.asarray(place_m[:2], float) - half_m - self.origin_m) / CELL_M).astype(int)
+        high = low + math.ceil(2.0 * half_m / CELL_M)
+        low, high = np.clip(low, 0, n - 1), np.clip(high, 1, n)
+        window = np.s_[low[0] : high[0], low[1] : high[1]]
+        occupied, known = self._cells(window)
+        grain = np.ones((GRAIN, GRAIN), np.uint8)
+        unseen = cv2.morphologyEx((~known).astype(np.uint8), cv2.MORPH_OPEN, grain)
+        spots = np.where(occupied[:, :, None], self.spots[window], np.int8(0))
+        return Field2.from_points(occupied | (unseen > 0), known, spots, self.origin_m + low * CELL_M, CELL_M)
+
+    def _cells(self, window: tuple[slice, slice]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which cells hinder driving, and which were seen."""
+        odds = self.odds[window]
+        occupied = odds >= OCCUPIED
+        kernels.ledges(self.heights_mm[window], round(1000.0 * STEP_M), occupied)
+        return occupied, occupied | (odds < 0)

@@ -31,6 +31,7 @@ OCCUPIED = 30
 FLOOR_BAND_M = 0.06  # lower than this above the floor nothing is in the way of a slice
 ON_WHEELS_M = 0.05  # no higher than this above its driving height, the robot is as inclined as the floor
 BELOW_FLOOR_CELLS = 2
+WALL_FROM_M = 0.8  # above the floor; what stands so high is taken to go on where nothing was seen
 HEADROOM_M = 0.6  # above the body origin, kept inside the box
 LAYER_OVERLAP_M = 0.02  # a layer counts for a height range when it overlaps it by more than this
 LAND_HEADROOM_M = 0.05  # added to the robot's height when it drives under something
@@ -189,23 +190,45 @@ class RollingMap:
         if pose.position_m[2] - self.floor_z_m <= body.below_m + ON_WHEELS_M:
             self.driving.clear(pose.position_m[:2], body.radius_m)
 
-    def land_field(self, pose: Pose, floor_z_m: float, *, shadows: bool = True) -> Field2:
-        """Distance to what hinders the driving body, over the whole box; `driving_layer`.
+    def land_field(self, pose: Pose, floor_z_m: float) -> Field2:
+        """Distance to what was seen to hinder the driving body, over the whole box; `driving_layer`.
 
         Args:
             pose: Body in odom; with the floor's height it places the box when nothing has been seen yet.
             floor_z_m: Of the floor below it, odom.
-            shadows: See `DrivingLayer.field`.
         """
         if not self._placed:
             self._follow(pose.position_m, floor_z_m)
-        return self.driving.field(shadows=shadows)
+        return self.driving.seen()
+
+    def land_room(self, pose: Pose, floor_z_m: float, half_m: float) -> Field2:
+        """The same in a square round the robot where what was not seen counts as solid; as above.
+
+        Args:
+            pose: As for `land_field`.
+            floor_z_m: As for `land_field`.
+            half_m: Half of the square's edge.
+        """
+        if not self._placed:
+            self._follow(pose.position_m, floor_z_m)
+        return self.driving.room(pose.position_m, half_m)
+
+    def assume_free(self, pose: Pose, ring_m: float) -> None:
+        """Take the floor about a robot for free that the camera cannot see: it was put, or came down, there.
+
+        Args:
+            pose: Body in odom, on its wheels.
+            ring_m: So far beyond the outline.
+        """
+        if not self._placed:
+            self._follow(pose.position_m, pose.position_m[2] - self._config.body.below_m)
+        self.driving.assume_free(pose.position_m[:2], self._config.body.radius_m + ring_m)
 
     def slice_field(self, pose: Pose, floor_z_m: float) -> Field2:
         """Distance to what would hinder a robot that drove at some height, as for flying at it.
 
         Known is a column where an obstacle was seen, or whose lowest layer and most of the others up to
-        the robot's height were seen free.
+        the robot's height were seen free. What stands as high as a wall and was not seen to end goes on.
 
         Args:
             pose: Body in odom; places the box when nothing has been seen yet.
@@ -217,6 +240,17 @@ class RollingMap:
         body = self._config.body
         top_m = floor_z_m + body.below_m + body.above_m + LAND_HEADROOM_M
         low, high = self._layers(floor_z_m + FLOOR_BAND_M, top_m)
+        occupied, known = columns(self.log_odds, low, high, OCCUPIED)
+        wall, _ = self._layers(self.floor_z_m + WALL_FROM_M, top_m)
+        if wall < low:
+            occupied |= columns(self.log_odds, wall, low, OCCUPIED)[0] & ~known
+            known |= occupied
+        return Field2.from_occupied(occupied, known, self.origin_m[:2], self.cell_m)
+
+    def column_field(self, z_from_m: float, z_to_m: float) -> Field2:
+        """Distance to whatever was seen between two heights (odom), for judging columns of many places."""
+        self._require_place()
+        low, high = self._layers(z_from_m, z_to_m)
         occupied, known = columns(self.log_odds, low, high, OCCUPIED)
         return Field2.from_occupied(occupied, known, self.origin_m[:2], self.cell_m)
 

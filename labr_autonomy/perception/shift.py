@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def moved(values: NDArray[Any], by: NDArray[np.int64], new: int) -> NDArray[Any]:
+def moved(values: NDArray[Any], by: NDArray[np.int64], new: float) -> NDArray[Any]:
     """The contents of a grid whose corner moves by whole cells along its first axes; `new` comes in."""
     out = np.full_like(values, new)
     moves = [(int(d), n) for d, n in zip(by, values.shape, strict=False)]

@@ -12,29 +12,36 @@ from labr_autonomy.frames import level_to_odom, odom_to_level, wrap_pi, yaw_of
 from labr_autonomy.gkpn.infer import GkpnOnnx
 from labr_autonomy.gkpn.local_map import local_map
 from labr_autonomy.modes.decision import classify, lift_off_distance_m
+from labr_autonomy.modes.energy import EnergyModel
+from labr_autonomy.perception.driving_kernels import CELL_M
 from labr_autonomy.perception.fields import Field2, Field3
+from labr_autonomy.perception.memory import Memory
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
 from labr_autonomy.planner.kept_ways import KeptWays
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
-from labr_autonomy.planner.places import AT_END_M, UNDER_GOAL_M, column_clear
+from labr_autonomy.planner.places import AT_END_M, column_clear, column_m, column_radius_m
+from labr_autonomy.planner.take_off import offers_by_air
 from labr_autonomy.planner.way_out import WayOut
 from labr_autonomy.refine import shortest
 from labr_autonomy.refine.planner import Refiner
 from labr_autonomy.refine.reference import to_key_points
 from labr_autonomy.refine.search import GOAL_SNAP_M, CostToGo
 from labr_autonomy.refine.values import AirState, LandState, RefineResult
-from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Pose, Source, Trajectory
+from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Source, Trajectory
 
 NETWORK_RANGE_M = 8.0  # farther goals are shown to the network at most at this distance, on the floor
 FAR_M = 3.0 * NETWORK_RANGE_M  # a key point farther away than this is not meant
+UNDER_GOAL_M = 2.5  # how far from below an air goal out of the map's reach the drive may end
 GOAL_JOIN_M = 0.6  # a path that ends this near the goal ends at it
 ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow with ease
 NARROW_MARGIN_M = 0.01  # and so that it can follow at all
 TIGHT_M = 0.12  # as near as this to obstacles leads a way when there is no other
 CAREFUL_MPS = 0.3
 PUSH_M = 0.08  # by so much the refiner pushes a path out of obstacles
+LAND_HALF_M = 4.5  # of the map that a trajectory is checked against
 FIELD_HALF_M = (3.5, 3.5)
+RING_M = 0.2  # about a robot that begins to drive the floor is taken for free: the camera cannot see it
 MAP_EVERY_S = 1.0
 
 
@@ -59,8 +66,11 @@ class Pipeline:
         self._route = routes.State()
         self._land_ways, self._air_ways = KeptWays(), KeptWays()
         self._way_out = WayOut()
+        self._memory = Memory(2.0 * CELL_M)
         self._seen = -1
         self._drawn_s = -math.inf
+        self._energy = EnergyModel.of(config)
+        self._seen_field: Field2
 
     def cycle(self, request: PlanRequest, frame: DepthFrame | None) -> PlanResult:
         """Plan once; without a frame (overwritten or not there yet) from the map as it is."""
@@ -77,11 +87,12 @@ class Pipeline:
             self._previous = None
         if request.fresh:
             self._way_out.reset()
-        field = self._map.land_field(request.body_pose, request.floor_z_m)
-        ways = self._ways_on_land(request, field)
+            if request.mode is Mode.LAND:
+                self._map.assume_free(request.body_pose, RING_M)
+        ways = self._ways_on_land(request)
         room_above = self._column_clear(request, request.lift_to_m)
         if request.mode is Mode.LAND:
-            followed, refined, routed_s, why = self._drive(request, network, field, ways, room_above)
+            followed, refined, routed_s, why = self._drive(request, network, ways, room_above)
         else:
             followed, refined, routed_s, why = self._fly(request, network)
         done_s = now()
@@ -96,7 +107,7 @@ class Pipeline:
             source=refined.source,
             clearance_m=refined.clearance_m,
             reason="; ".join(part for part in (why, refined.reason) if part),
-            lift_off_m=lift_off_distance_m(request.body_pose.position_m, network.points_m, network.air),
+            lift_off_m=self._lift_off_m(request, network, ways),
             land_path_ends=hop or self._land_path_ends(request, ways),
             take_off_clear=room_above,
             landing_clear=self._may_land(request, ways),
@@ -109,8 +120,8 @@ class Pipeline:
                 done_s - routed_s,
                 done_s - began_s,
             ),
-            probe=self._probe(request, field),
-            map_xy_m=self._map_now_and_then(field, request.start_s),
+            probe=self._probe(request),
+            map_xy_m=self._map_now_and_then(request.start_s),
         )
 
     # ------------------------------------------------------------------ first stage
@@ -149,50 +160,73 @@ class Pipeline:
         return goal
 
     # ------------------------------------------------------------------ ways on the map
-    def _ways_on_land(self, request: PlanRequest, field: Field2) -> CostToGo:
-        goal = request.goal_m[:2]
+    def _ways_on_land(self, request: PlanRequest) -> CostToGo:
+        """To a goal on land, or to where a flight to one in the air is best begun."""
+        goal = request.goal_m
 
         def search() -> CostToGo:
-            hard_m = self._refiner.land_hard_m
-            return CostToGo(
-                self._map.land_field(request.body_pose, request.floor_z_m, shadows=False).coarser(),
-                goal,
-                hard_m + NARROW_MARGIN_M,
-                reach_m=_reach_m(request),
-                roomy_m=hard_m + ROUTE_MARGIN_M,
-            )
+            self._seen_field = self._map.land_field(request.body_pose, request.floor_z_m)
+            self._memory.remember(self._seen_field.coarser(), request.body_pose.position_m)
+            return self._ways(request, None, ())
 
         return self._land_ways.of((float(goal[0]), float(goal[1])), request.start_s, search)
 
-    def _ways_in_air(self, request: PlanRequest, goal_m: Array) -> CostToGo:
-        """At the height of flight, as if the robot drove there."""
-        here = request.motion.position_m
-        floor_m = float(here[2]) - self._config.body.below_m - 0.1
+    def _ways(self, request: PlanRequest, tight_m: float | None, closed: tuple[Array, ...]) -> CostToGo:
+        plan, goal, hard_m = self._memory.plan(request.goal_m), request.goal_m, self._refiner.land_hard_m
+        offers = None
+        if request.goal_in_air and self._seen_field.contains(goal[None, :2])[0]:
+            air = self._ways_in_air(request, goal, float(goal[2]))
+            offers = offers_by_air(plan, air, *self._take_off_column(request), goal, self._energy)
+        return CostToGo(
+            plan,
+            goal[:2],
+            hard_m + NARROW_MARGIN_M,
+            reach_m=UNDER_GOAL_M if request.goal_in_air else GOAL_SNAP_M,
+            roomy_m=hard_m + ROUTE_MARGIN_M,
+            tight_m=tight_m,
+            closed=closed,
+            offers=offers,
+        )
+
+    def _take_off_column(self, request: PlanRequest) -> tuple[Field2, float]:
+        """What stands in the way of take-offs, and the free radius that they need at a cell's middle."""
+        low_m, high_m = column_m(self._config, request, request.lift_to_m)
+        cell_m = self._map.cell_m
+        return self._map.column_field(low_m, high_m), column_radius_m(self._config) + cell_m * math.sqrt(0.5)
+
+    def _ways_in_air(self, request: PlanRequest, goal_m: Array, height_m: float) -> CostToGo:
+        """At a height of the body in odom, as if the robot drove there."""
+        floor_m = height_m - self._config.body.below_m - 0.1
 
         def search() -> CostToGo:
-            layer = self._map.slice_field(Pose(here, request.body_pose.quaternion), floor_m)
-            return CostToGo(layer, goal_m[:2], self._refiner.air_hard_m, reach_m=UNDER_GOAL_M)
+            layer = self._map.slice_field(request.body_pose, floor_m)
+            return CostToGo(layer, goal_m[:2], self._refiner.air_hard_m)
 
         level = round(floor_m / self._map.cell_m)
         return self._air_ways.of((float(goal_m[0]), float(goal_m[1]), level), request.start_s, search)
 
+    def _lift_off_m(self, request: PlanRequest, network: KeyPoints, ways: CostToGo) -> float:
+        """How far it drives before it leaves the floor: by the network where it leads, else by the map."""
+        here = request.body_pose.position_m
+        if self._route.source is Source.GKPN:
+            return lift_off_distance_m(here, network.points_m, network.air)
+        way = ways.path(here[:2]) if request.goal_in_air else None
+        return math.inf if way is None else routes.length_m(way)
+
     def _land_path_ends(self, request: PlanRequest, ways: CostToGo) -> bool:
-        """Nearer to below the goal the wheels cannot get."""
-        if not request.goal_in_air:
-            return False
-        target, here = ways.target_xy, request.body_pose.position_m[:2]
-        if target is None or not math.isfinite(ways.cost_m(here)):
-            return True
-        return float(np.hypot(*(target - here))) < AT_END_M
+        """Driving on costs more than it saves."""
+        here = request.body_pose.position_m[:2]
+        end = ways.end(here) if request.goal_in_air else None
+        return end is not None and float(np.hypot(*(end - here))) < AT_END_M
 
     def _evidence(
-        self, request: PlanRequest, network: KeyPoints, path: Array, field: Field2, ways: CostToGo
+        self, request: PlanRequest, network: KeyPoints, path: Array, ways: CostToGo
     ) -> routes.Evidence:
         pose = request.body_pose
         here = pose.position_m[:2]
         dense = routes.densify(np.vstack([here, path[:, :2]]))
         beyond = dense[np.hypot(*(dense - here).T) > 0.3]
-        free = field.lookup(beyond) - self._refiner.land_hard_m if len(beyond) else np.array([1.0])
+        free = self._seen_field.lookup(beyond) - self._refiner.land_hard_m if len(beyond) else np.array([1.0])
         away = request.goal_m[:2] - here
         near = float(np.hypot(*away)) < GOAL_JOIN_M
         bearing = 0.0 if near else wrap_pi(math.atan2(away[1], away[0]) - yaw_of(pose.quaternion))
@@ -207,7 +241,7 @@ class Pipeline:
 
     # ------------------------------------------------------------------ second stage, on land
     def _drive(
-        self, request: PlanRequest, network: KeyPoints, field: Field2, ways: CostToGo, room_above: bool
+        self, request: PlanRequest, network: KeyPoints, ways: CostToGo, room_above: bool
     ) -> tuple[KeyPoints | None, RefineResult, float, str]:
         land_part = network.points_m
         if request.goal_in_air and network.air.any():
@@ -216,7 +250,7 @@ class Pipeline:
         here = motion.position_m
         if not len(land_part):  # lift off right here
             land_part = here[None]
-        evidence = self._evidence(request, network, land_part, field, ways)
+        evidence = self._evidence(request, network, land_part, ways)
         self._route, why = routes.choose(self._route, evidence, request.start_s)
         followed = KeyPoints(land_part, np.zeros(len(land_part), bool), network.mu, Source.GKPN)
         if self._route.source is Source.SEARCH:
@@ -228,11 +262,12 @@ class Pipeline:
                 points = np.column_stack([points[:, :2], np.full(len(points), here[2])])
                 followed = KeyPoints(points, np.zeros(len(points), bool), network.mu, Source.SEARCH)
         routed_s = self._clock.now_s()
+        field = self._map.land_room(request.body_pose, request.floor_z_m, LAND_HALF_M)
         state = LandState(here[:2], motion.yaw_rad, motion.speed_mps, motion.yaw_rate_rps, float(here[2]))
         doing = self._way_out.step(
             request,
             ways,
-            lambda closed: self._ways_through(request, field, closed),
+            lambda closed: self._ways(request, TIGHT_M, closed),
             room_above,
         )
         if doing is not None:
@@ -257,18 +292,6 @@ class Pipeline:
         return followed, refined, routed_s, why
 
     # ------------------------------------------------------------------ when it gets no farther
-    def _ways_through(self, request: PlanRequest, field: Field2, closed: tuple[Array, ...]) -> CostToGo:
-        """Ways that may lead through gaps that are too tight on the map, but for closed places."""
-        return CostToGo(
-            field.coarser(),
-            request.goal_m[:2],
-            self._refiner.land_hard_m + NARROW_MARGIN_M,
-            reach_m=_reach_m(request),
-            roomy_m=self._refiner.land_hard_m + ROUTE_MARGIN_M,
-            tight_m=TIGHT_M,
-            closed=closed,
-        )
-
     def _doing(
         self, state: LandState, what: Array | float, field: Field2, request: PlanRequest
     ) -> RefineResult:
@@ -336,7 +359,7 @@ class Pipeline:
             return points, Source.GKPN, ""
         if near or free_m(goal[None]) >= 0.0:
             return goal[None], Source.DIRECT, why
-        way = self._ways_in_air(request, goal).path(here[:2])
+        way = self._ways_in_air(request, goal, float(here[2])).path(here[:2])
         if way is None:
             return here[None], Source.BRAKE, f"{why}; no way at this height"
         keys = to_key_points(way)
@@ -348,28 +371,21 @@ class Pipeline:
     def _column_clear(self, request: PlanRequest, up_to_m: float) -> bool:
         return column_clear(self._map, self._config, request, up_to_m)
 
-    def _probe(self, request: PlanRequest, field: Field2) -> str | None:
+    def _probe(self, request: PlanRequest) -> str | None:
         """Whether the wheels could get to the place that is asked about, as far as the map knows."""
         place = request.probe_m
         if place is None:
             return None
-        xy = place[:2]
-        if np.any(xy < field.origin_m) or np.any(xy > field.upper_m):
-            return ""  # beyond the map, nothing speaks against it
-        ways = CostToGo(field.coarser(), xy, self._refiner.land_hard_m + NARROW_MARGIN_M)
-        if ways.target_xy is None:
-            return f"the place is in an obstacle, {GOAL_SNAP_M:g} m or more from free floor"
-        if not math.isfinite(ways.cost_m(request.body_pose.position_m[:2])):
-            return "the map shows no way there that is wide enough for the robot"
-        return ""
+        plan, hard_m = self._memory.plan(place), self._refiner.land_hard_m
+        ways = CostToGo(plan, place[:2], hard_m + NARROW_MARGIN_M)
+        if math.isfinite(ways.cost_m(request.body_pose.position_m[:2])):
+            return ""
+        if float(plan.lookup(place[None, :2])[0]) <= hard_m:
+            return f"the place is in an obstacle, more than {GOAL_SNAP_M:g} m from floor that can be reached"
+        return "the map shows no way there that is wide enough for the robot"
 
-    def _map_now_and_then(self, field: Field2, now_s: float) -> np.ndarray | None:
+    def _map_now_and_then(self, now_s: float) -> np.ndarray | None:
         if now_s - self._drawn_s < MAP_EVERY_S:
             return None
         self._drawn_s = now_s
-        return np.asarray(field.surface_points(), dtype=np.float32)
-
-
-def _reach_m(request: PlanRequest) -> float:
-    """How far from the goal, or from below it, a drive may end."""
-    return UNDER_GOAL_M if request.goal_in_air else GOAL_SNAP_M
+        return np.asarray(self._seen_field.surface_points(), dtype=np.float32)

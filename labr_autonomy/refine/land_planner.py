@@ -31,6 +31,8 @@ from labr_autonomy.types import Array, Mode, Source, Trajectory
 TURN_CLOSE_RAD = math.radians(25.0)  # close to the goal a unicycle has no room to swing in
 SLOW_MPS = 0.25
 SIDE_M = 0.03  # lateral error that is not worth a turn
+LOOK_TO_M = 0.8  # along a path into the unknown
+LOOK_RAD = math.radians(12.0)  # a smaller turn shows nothing new
 SEED_GIVE_M = 0.1  # a previous plan this much too close is still worth linearising at
 
 
@@ -90,6 +92,12 @@ class LandPlanner:
             return self._fallback(task, state, call, "the key points are not finite numbers")
         path = reference.shape(x0[:2], points, field, self.hard_m, self.aim_m)
         if path.blocked and path.length_m < BLOCKED_M:
+            look = self._look_needed(state, points, path, field)
+            if look is not None:
+                x, u = self._model.turn(x0, look)
+                verdict = task.judge(x, u)
+                if verdict.free:
+                    return give(x, u, verdict, Source.TURN, "looking where the path leads")
             return self._fallback(
                 task, state, call, f"the key points are blocked after {path.length_m:.1f} m"
             )
@@ -115,6 +123,20 @@ class LandPlanner:
         if isinstance(plan, str):
             return self._fallback(task, state, call, plan)
         return give(plan.x, plan.u, plan.verdict, source, "follows the key points")
+
+    def _look_needed(
+        self, state: LandState, key_points: Array, path: reference.Path, field: DistanceField
+    ) -> float | None:
+        """Heading to look to where a path ends before something that nobody has seen, or None."""
+        end = path.points_m[-1]
+        around = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
+        ring = end + (self.hard_m + 2.0 * field.cell_m) * np.column_stack([np.cos(around), np.sin(around)])
+        if field.is_known(ring).all():
+            return None
+        wanted = reference.along(np.vstack([state.position_xy, key_points]), np.array([LOOK_TO_M]))[0]
+        offset = wanted - state.position_xy
+        heading = math.atan2(offset[1], offset[0])
+        return heading if abs(wrap_pi(heading - state.yaw)) > LOOK_RAD else None
 
     def _turn_needed(self, state: LandState, path: reference.Path) -> float | None:
         """Heading to turn to before driving on, or None."""

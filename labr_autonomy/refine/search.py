@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,9 +30,9 @@ GAIN = 1.02  # a straight cut may cost this much of what it replaces
 
 
 class CostToGo:
-    """Shortest ways from everywhere on a 2D map to one goal: one Dijkstra, many questions.
+    """Shortest ways from everywhere on a 2D map to one goal, or to wherever ending is cheap.
 
-    Costs are metres, weighted near obstacles and in unknown cells.
+    One Dijkstra, many questions. Costs are metres, weighted near obstacles and in unknown cells.
 
     Args:
         field: The 2D map.
@@ -42,6 +43,8 @@ class CostToGo:
         roomy_m: Ways keep this distance where the detour is short: nearer is dearer by `NARROW_COST`.
         tight_m: Ways may come as near as this to obstacles, at `TIGHT_COST`; `radius_m` when left out.
         closed: (k, 2) places that no way leads through, within `CLOSED_M`.
+        offers: (nx, ny) what it costs to go on from each cell by other means [m], inf where that cannot be.
+            Ways then end where they and the offer together are cheapest, not at the goal.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class CostToGo:
         roomy_m: float = 0.0,
         tight_m: float | None = None,
         closed: Sequence[Array] = (),
+        offers: Array | None = None,
     ) -> None:
         self._field = field
         self._radius_m = radius_m
@@ -63,30 +67,55 @@ class CostToGo:
         self._free = distance > (radius_m if tight_m is None else tight_m)
         for place in closed:
             _shut(self._free, (place - field.origin_m) / field.cell_m - 0.5, CLOSED_M / field.cell_m)
-        self._price = cell_cost(distance, field.known, radius_m, unknown_cost)
+        sure = _surely_known(field, radius_m)
+        self._price = cell_cost(distance, sure, radius_m, unknown_cost)
         if roomy_m > radius_m:
             self._price = np.where(distance > roomy_m, self._price, NARROW_COST * self._price)
         if tight_m is not None:
             self._price = np.where(distance > radius_m, self._price, TIGHT_COST * self._price)
-        inside = np.clip(goal_xy, field.origin_m + field.cell_m / 2, field.upper_m - field.cell_m / 2)
-        self._goal = snap(field, self._free, inside, reach_m)
+        ends, costs = self._goal(reach_m) if offers is None else self._offered(offers)
         self._cost_m: Array = np.full(self._free.size, np.inf)
         self._before = np.full(self._free.size, -1, np.int32)
-        if self._goal is not None:
-            goal = int(np.ravel_multi_index(tuple(self._goal), self._free.shape))
-            cost, self._before = costs_from(self._free, self._price, goal)  # from the goal: leads onwards
+        if len(ends):  # from the ends: leads onwards
+            cost, self._before = costs_from(self._free, self._price, ends, costs / field.cell_m)
             self._cost_m = cost * field.cell_m
 
-    @property
-    def target_xy(self) -> Array | None:
-        """Where the ways end, (2,) odom: the goal, or the free cell nearest to it; None if there is none."""
-        if self._goal is None:
-            return None
+    def _goal(self, reach_m: float) -> tuple[NDArray[np.int64], Array]:
         field = self._field
-        centre: Array = field.origin_m + (self._goal + 0.5) * field.cell_m
+        low, high = field.origin_m + field.cell_m / 2, field.upper_m - field.cell_m / 2
+        cell = snap(field, self._free, np.clip(self._goal_xy, low, high), reach_m)
+        found = [] if cell is None else [np.ravel_multi_index(tuple(cell), self._free.shape)]
+        return np.array(found, np.int64), np.zeros(len(found))
+
+    def _offered(self, offers: Array) -> tuple[NDArray[np.int64], Array]:
+        ends = np.flatnonzero(self._free & np.isfinite(offers))
+        costs = offers.ravel()[ends]
+        order = np.argsort(costs, kind="stable")
+        return ends[order], costs[order]
+
+    def _place(self, index: int) -> Array:
+        """Where a way ends that ends in a cell, (2,): the goal itself if it lies there and is free."""
+        field = self._field
+        cell = np.array(np.unravel_index(index, self._free.shape))
+        centre: Array = field.origin_m + (cell + 0.5) * field.cell_m
         in_cell = float(np.abs(self._goal_xy - centre).max()) <= ON_CELL * field.cell_m
         free = in_cell and float(field.lookup(self._goal_xy[None])[0]) > self._radius_m
         return self._goal_xy if free else centre
+
+    def _way(self, place_xy: Array) -> list[int] | None:
+        """The cells of the way from a place, None without one."""
+        at = self._index(place_xy)
+        if at is None or not np.isfinite(self._cost_m[at]):
+            return None
+        way = [at]
+        while self._before[way[-1]] >= 0:
+            way.append(int(self._before[way[-1]]))
+        return way
+
+    def end(self, place_xy: Array) -> Array | None:
+        """Where the way from a place (2,) ends, (2,) odom; None without a way."""
+        way = self._way(place_xy)
+        return None if way is None else self._place(way[-1])
 
     def _index(self, place_xy: Array) -> int | None:
         cell = snap(self._field, self._free, place_xy, START_SNAP_M)
@@ -96,6 +125,16 @@ class CostToGo:
         """Weighted metres left from a place (2,) odom; inf without a way."""
         at = self._index(place_xy)
         return math.inf if at is None else float(self._cost_m[at])
+
+    def costs_at(self, places_m: Array) -> Array:
+        """Weighted metres left from the cells of places (n, 2), (n,): inf where that cell offers no way."""
+        away = np.asarray(places_m, float) - self._field.origin_m
+        cells = np.floor(away / self._field.cell_m).astype(int)
+        inside = ((cells >= 0) & (cells < self._free.shape)).all(axis=1)
+        cells = np.clip(cells, 0, np.array(self._free.shape) - 1)
+        index = np.ravel_multi_index((cells[:, 0], cells[:, 1]), self._free.shape)
+        out: Array = np.where(inside, self._cost_m[index], np.inf)
+        return out
 
     def first_gap(self, path_m: Array) -> Array | None:
         """The first place (2,) where a way (k, 2) is nearer to obstacles than it should be, or None."""
@@ -110,16 +149,13 @@ class CostToGo:
 
     def path(self, start_xy: Array) -> Array | None:
         """Corners of the shortest way, (k, 2) odom with the start first; None without a way."""
-        at, target = self._index(start_xy), self.target_xy
-        if at is None or target is None or not np.isfinite(self._cost_m[at]):
+        way = self._way(start_xy)
+        if way is None:
             return None
-        way = [at]
-        while self._before[way[-1]] >= 0:
-            way.append(int(self._before[way[-1]]))
         cells = np.stack(np.unravel_index(way, self._free.shape), axis=1)
         cells = straightened(cells, self._free, self._price)
         path: Array = self._field.origin_m + (cells + 0.5) * self._field.cell_m
-        return np.vstack([np.asarray(start_xy, dtype=float), path[1:-1], target])
+        return np.vstack([np.asarray(start_xy, dtype=float), path[1:-1], self._place(way[-1])])
 
 
 def search_land(
@@ -152,6 +188,15 @@ def snap(field: Field2, free: NDArray[np.bool_], place: Array, reach_m: float) -
     best = int(gap.argmin())
     # half a cell's diagonal is rounding, not distance
     return near[best] if gap[best] <= reach + math.sqrt(0.5) else None
+
+
+def _surely_known(field: Field2, radius_m: float) -> NDArray[np.bool_]:
+    """Cells whose surroundings within the radius are known, but for gaps between rays."""
+    unknown = cv2.morphologyEx((~field.known).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    reach = 2 * round(radius_m / field.cell_m) + 1
+    near = cv2.dilate(unknown, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
+    sure: NDArray[np.bool_] = field.known & (near == 0)
+    return sure
 
 
 def _shut(free: NDArray[np.bool_], at: Array, radius: float) -> None:

@@ -1,4 +1,4 @@
-"""Compiled shortest ways on a grid: Dijkstra from one cell over its eight neighbours, with buckets.
+"""Compiled shortest ways on a grid: Dijkstra from some cells over their eight neighbours, with buckets.
 
 Cells wait in buckets as wide as the cheapest step (R. Dial, "Algorithm 360: Shortest-path forest with
 topological ordering", 1969): no step leads into the bucket it starts from, so the cells of one bucket are
@@ -68,17 +68,32 @@ def _link(heads: Any, before: Any, after: Any, bucket: int, item: int) -> None:
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
-def costs_from(free: NDArray[np.bool_], price: Floats, goal: int) -> tuple[Floats, Cells]:
-    """Least cost from every cell to one cell, and the next cell on the way there.
+def _move(heads: Any, before: Any, after: Any, bucket_of: Any, item: int, bucket: int) -> int:
+    """Put a cell into a bucket's list, taking it out of its old one; 1 if it was in none."""
+    fresh = bucket_of[item] < 0
+    if not fresh:
+        _unlink(heads, before, after, bucket_of[item], item)
+    bucket_of[item] = bucket
+    _link(heads, before, after, bucket, item)
+    return 1 if fresh else 0
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def costs_from(
+    free: NDArray[np.bool_], price: Floats, ends: NDArray[np.int64], offers: Floats
+) -> tuple[Floats, Cells]:
+    """Least cost from every cell to where the ways may end, and the next cell on the way there.
 
     Args:
         free: (nx, ny) cells that may be entered.
         price: (nx, ny) cost of one cell's edge length in each cell, above 0; a step pays the mean of
             both ends.
-        goal: Flat index of the cell to reach; it need not be free.
+        ends: (k,) flat indices of cells at which a way may end; they need not be free.
+        offers: (k,) what ending there costs, in rising order.
 
     Returns:
-        Cost (nx * ny,), inf where there is no way, and the next cell (nx * ny,), -1 at the goal and there.
+        Cost (nx * ny,), inf where there is no way, and the next cell (nx * ny,), -1 where a way ends and
+        where there is none.
     """
     nx, ny = free.shape
     row = ny + 2  # a border of cells that are not free spares every neighbour its two tests
@@ -90,8 +105,8 @@ def costs_from(free: NDArray[np.bool_], price: Floats, goal: int) -> tuple[Float
             halves[k] = 0.5 * price[i, j]
             if free[i, j]:
                 cost[k] = np.inf
-    start = (goal // ny + 1) * row + goal % ny + 1
-    cost[start] = 0.0
+    for end in ends:
+        cost[(end // ny + 1) * row + end % ny + 1] = np.inf
     least, most = _extremes(halves, cost)
     per_bucket = 0.5 / (least * _NARROWER)
     count = int(2.0 * _DIAGONAL * most * per_bucket) + 2  # the farthest that a step leads, and round again
@@ -100,14 +115,21 @@ def costs_from(free: NDArray[np.bool_], price: Floats, goal: int) -> tuple[Float
     towards = np.full(n, -1, np.int32)
     offsets = (-row - 1, -row, -row + 1, -1, 1, row - 1, row, row + 1)
     lengths = (_DIAGONAL, 1.0, _DIAGONAL, 1.0, 1.0, _DIAGONAL, 1.0, _DIAGONAL)
-    _link(heads, before, after, 0, start)
-    waiting, bucket = 1, 0
-    while waiting > 0:
-        here = heads[bucket]
+    waiting, bucket, taken = 0, 0, 0  # `bucket` counts on; its list is that of the remainder
+    while waiting > 0 or taken < len(ends):
+        if waiting == 0:
+            bucket = int(offers[taken] * per_bucket)
+        while taken < len(ends) and int(offers[taken] * per_bucket) <= bucket:
+            end = (ends[taken] // ny + 1) * row + ends[taken] % ny + 1
+            if offers[taken] < cost[end]:
+                cost[end], towards[end] = offers[taken], -1
+                waiting += _move(heads, before, after, bucket_of, end, bucket % count)
+            taken += 1
+        here = heads[bucket % count]
         if here < 0:
-            bucket = bucket + 1 if bucket + 1 < count else 0
+            bucket += 1
             continue
-        _unlink(heads, before, after, bucket, here)
+        _unlink(heads, before, after, bucket % count, here)
         bucket_of[here] = -1
         waiting -= 1
         for k in range(8):
@@ -115,13 +137,8 @@ def costs_from(free: NDArray[np.bool_], price: Floats, goal: int) -> tuple[Float
             total = cost[here] + lengths[k] * (halves[here] + halves[there])
             if total >= cost[there]:  # so are all that are final
                 continue
-            if bucket_of[there] >= 0:
-                _unlink(heads, before, after, bucket_of[there], there)
-            else:
-                waiting += 1
             cost[there], towards[there] = total, here
-            bucket_of[there] = int(total * per_bucket) % count
-            _link(heads, before, after, bucket_of[there], there)
+            waiting += _move(heads, before, after, bucket_of, there, int(total * per_bucket) % count)
     costs, ways = _without_border(cost, towards, nx, ny)
     return costs, ways
 
@@ -154,5 +171,5 @@ def cut_cost(cells: NDArray[np.int64], begin: int, end: int, free: NDArray[np.bo
 def warm_up() -> None:
     """Compile or load the kernels, so that the first search of a flight is not late."""
     free, price = np.ones((3, 3), np.bool_), np.ones((3, 3))
-    costs_from(free, price, 4)
+    costs_from(free, price, np.array([4]), np.zeros(1))
     cut_cost(np.zeros((2, 2), np.int64), 0, 1, free, price)

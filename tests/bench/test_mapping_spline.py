@@ -110,7 +110,8 @@ def test_a_star_finds_what_dijkstra_finds(seed):
     price = cell_cost(field.distance_m, field.known, 0.3, 1.0)
     cells = np.argwhere(free)
     start, goal = cells[0], cells[-1]
-    wanted, _ = costs_from(free, price.astype(float), int(np.ravel_multi_index(tuple(start), free.shape)))
+    begin = np.ravel_multi_index(tuple(start), free.shape)
+    wanted, _ = costs_from(free, price.astype(float), np.array([begin]), np.zeros(1))
     best = wanted[int(np.ravel_multi_index(tuple(goal), free.shape))]
     way, reached, found = astar.search(
         free[:, :, None], price[:, :, None], np.append(start, 0), np.append(goal, 0), 1.0, free.size

@@ -48,6 +48,18 @@ def test_a_robot_that_moves_or_stands_for_a_moment_is_left_alone():
     assert Run(way=True).go(recovery.STANDS_S - 0.5).seen == [Action.FOLLOW]
 
 
+def test_a_robot_that_turns_towards_its_way_is_left_alone_for_longer_but_not_for_ever():
+    run = Run(way=True)
+    for _ in range(round((recovery.TURNS_S - 0.5) / 0.5)):
+        run.yaw += 0.5
+        run.go(0.5)
+    assert run.seen == [Action.FOLLOW]
+    for _ in range(4):
+        run.yaw += 0.5
+        run.go(0.5)
+    assert Action.LOOK in run.seen
+
+
 def test_without_a_way_it_looks_all_round_and_follows_what_it_then_sees():
     run = Run().go(recovery.NO_WAY_S + 0.3)
     assert run.state.action is Action.LOOK

@@ -61,13 +61,18 @@ def standing(x=0.0, y=0.0, z=0.0, yaw=0.0, pitch=0.0):
 
 
 def mapped(things, at=None, frames=9, seed=0):
-    at, rng = at or standing(), np.random.default_rng(seed)
+    at = at or standing()
+    return looked_at(things, at, frames, seed).land_field(at, float(at.position_m[2]) - BELOW_M)
+
+
+def looked_at(things, at, frames=9, seed=0):
+    rng = np.random.default_rng(seed)
     grid = RollingMap(CONFIG)
     floor_z = float(at.position_m[2]) - BELOW_M
     for k in range(frames):
         grid.update(DepthFrame(k, 0.0, seen(things, at, rng), OPTICS), at, floor_z)
         grid.clear_robot(at)
-    return grid.land_field(at, floor_z)
+    return grid
 
 
 def clear(field, x, y=0.0):
@@ -156,7 +161,30 @@ def test_each_return_is_called_what_it_is():
     assert (kinds[depth == 0] == 0).all()
 
 
-def test_the_far_side_of_a_box_is_taken_to_be_solid_until_it_is_seen():
-    field = mapped([LEVEL, box([1.5, -0.2, 0.0], [1.9, 0.2, 0.27])])
-    assert clear(field, 1.68) < 0.0  # its inside, seen by nobody
-    assert clear(field, 1.68, 0.6) > 0.25  # the free floor beside it stays free
+def test_what_nobody_has_seen_leaves_no_room():
+    grid = looked_at([LEVEL, box([1.5, -0.2, 0.0], [1.9, 0.2, 0.27])], standing())
+    seen_m, room = grid.land_field(standing(), 0.0), grid.land_room(standing(), 0.0, 4.0)
+    for x, y in ((1.68, 0.0), (-1.0, 0.0), (0.3, 1.0)):  # inside the box, behind the robot, beside it
+        assert clear(room, x, y) < 0.0 < clear(seen_m, x, y)
+    assert clear(room, 1.68, 0.6) > 0.25  # the free floor beside the box stays free
+    assert clear(room, 1.0) > 0.3
+    assert room.distance_m.shape == (160, 160)
+
+
+def test_the_floor_about_a_robot_that_was_put_down_is_taken_for_free():
+    grid = looked_at([LEVEL, box([0.47, -0.2, 0.0], [0.6, 0.2, 0.3])], standing())
+    before = grid.land_room(standing(), 0.0, 2.0)
+    grid.assume_free(standing(), 0.2)
+    after = grid.land_room(standing(), 0.0, 2.0)
+    assert clear(before, 0.0) == pytest.approx(0.3, abs=0.05)
+    assert clear(after, -0.05) == pytest.approx(0.45, abs=0.05)
+    assert clear(after, 0.48) < 0.05  # but not what was seen to stand there
+
+
+def test_gaps_between_rays_are_not_taken_for_obstacles():
+    grid = looked_at([LEVEL], standing())
+    middle = grid.driving.odds.shape[0] // 2
+    grid.driving.odds[middle + 30 : middle + 32, middle - 9 : middle + 9] = 0
+    assert clear(grid.land_room(standing(), 0.0, 3.0), 1.5) > 0.5
+    grid.driving.odds[middle + 30 : middle + 34, middle - 9 : middle + 9] = 0
+    assert clear(grid.land_room(standing(), 0.0, 3.0), 1.6) < 0.0

@@ -146,3 +146,32 @@ def test_a_wide_gap_is_preferred_to_a_tight_one():
     wide = _rooms_with_a_gap(0.6)
     ways = CostToGo(wide, np.array([5.0, 2.0]), 0.36, tight_m=0.12)
     assert ways.first_gap(ways.path(np.array([1.0, 2.0]))) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ways_end_where_they_and_the_offer_together_are_cheapest(seed):
+    rng = np.random.default_rng(seed)
+    start = (0.85, 5.05)
+    field = boxes2(random_boxes(seed, start, (9.15, 4.05), 14))
+    free = field.distance_m > 0.35
+    offers = np.full(free.shape, np.inf)
+    places = np.argwhere(free)[rng.choice(int(free.sum()), 40, replace=False)]
+    offers[tuple(places.T)] = rng.uniform(0.0, 30.0, 40)
+    ways = CostToGo(field, np.array([20.0, 20.0]), 0.35, offers=offers)
+    alone = []
+    for cell in places:
+        to = CostToGo(field, field.origin_m + (cell + 0.5) * 0.1, 0.35)
+        alone.append(to.cost_m(np.array(start)) + offers[tuple(cell)])
+    assert ways.cost_m(np.array(start)) == pytest.approx(min(alone), rel=1e-6)
+    best = field.origin_m + (places[int(np.argmin(alone))] + 0.5) * 0.1
+    assert np.allclose(ways.end(np.array(start)), best)
+    assert np.allclose(ways.path(np.array(start))[-1], best)
+
+
+def test_where_no_offer_can_be_reached_there_is_no_way():
+    field = _rooms_with_a_gap(0.2)
+    offers = np.full(field.distance_m.shape, np.inf)
+    offers[50, 20] = 0.0
+    ways = CostToGo(field, np.array([5.0, 2.0]), 0.36, offers=offers)
+    assert ways.path(np.array([1.0, 2.0])) is None
+    assert ways.end(np.array([1.0, 2.0])) is None

@@ -18,7 +18,7 @@ from labr_autonomy.modes.decision import classify
 from labr_autonomy.perception.fields import Field2, Field3
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
-from labr_autonomy.planner.places import AT_END_M, UNDER_GOAL_M, column_clear
+from labr_autonomy.planner.places import AT_END_M, column_clear
 from labr_autonomy.refine.planner import Refiner
 from labr_autonomy.refine.reference import along
 from labr_autonomy.refine.search import GOAL_SNAP_M
@@ -30,6 +30,7 @@ from sim.bench.mapping.ground import Ground
 from sim.bench.mapping.takeoff import lift_off_m
 from sim.bench.mapping.timing import Made, judged, remaining
 
+UNDER_GOAL_M = 2.5  # how far from below an air goal the drive may end
 HORIZON_M = 7.5  # EGO-Planner's planning horizon
 REPLAN_S = 0.3  # a trajectory that stays clear is kept this long
 RETRY_S = 0.1  # after a brake
