@@ -51,7 +51,7 @@ class DrivingLayer:
         return out
 
     def follow(self, place_m: Array) -> None:
-        """Move the square by pairs of cells so that a place (2|3,) is in its middle; new cells are unknown."""
+        """Move the square by pairs of cells so that a place (2|3,) is in its middle; new ones are unknown."""
         n = self.odds.shape[0]
         corner = 2 * np.floor(np.asarray(place_m[:2], float) / (2.0 * CELL_M)).astype(np.int64) - n // 2
         by = corner - self._corner

@@ -8,16 +8,15 @@ import numpy as np
 
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
-from labr_autonomy.frames import level_to_odom, odom_to_level, wrap_pi, yaw_of
-from labr_autonomy.gkpn.infer import GkpnOnnx
-from labr_autonomy.gkpn.local_map import local_map
-from labr_autonomy.modes.decision import classify, lift_off_distance_m
+from labr_autonomy.frames import wrap_pi, yaw_of
+from labr_autonomy.modes.decision import lift_off_distance_m
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.perception.driving_kernels import CELL_M
 from labr_autonomy.perception.fields import Field2, Field3
 from labr_autonomy.perception.memory import Memory
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
+from labr_autonomy.planner.first_stage import FirstStage
 from labr_autonomy.planner.kept_ways import KeptWays
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
 from labr_autonomy.planner.places import AT_END_M, column_clear, column_m, column_radius_m
@@ -30,8 +29,6 @@ from labr_autonomy.refine.search import GOAL_SNAP_M, CostToGo
 from labr_autonomy.refine.values import AirState, LandState, RefineResult
 from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Source, Trajectory
 
-NETWORK_RANGE_M = 8.0  # farther goals are shown to the network at most at this distance, on the floor
-FAR_M = 3.0 * NETWORK_RANGE_M  # a key point farther away than this is not meant
 UNDER_GOAL_M = 2.5  # how far from below an air goal out of the map's reach the drive may end
 GOAL_JOIN_M = 0.6  # a path that ends this near the goal ends at it
 ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow with ease
@@ -52,21 +49,24 @@ class Pipeline:
 
     Args:
         config: The robot.
+        network: Whether the first stage is asked at all; without, the map's ways alone lead.
+        memory: Whether searches know what left the rolling map.
     """
 
-    def __init__(self, config: RobotConfig) -> None:
+    def __init__(self, config: RobotConfig, *, network: bool = True, memory: bool = True) -> None:
         self._config = config
         self._clock = SystemClock()
         self._map = RollingMap(config)
         warm_up()
         shortest.warm_up()
-        self._network = GkpnOnnx(config.network.weights, config.network.runtime)
+        self._first, self._asks = FirstStage(config), network
         self._refiner = Refiner(config)
         self._previous: Trajectory | None = None
         self._route = routes.State()
         self._land_ways, self._air_ways = KeptWays(), KeptWays()
         self._way_out = WayOut()
-        self._memory = Memory(2.0 * CELL_M)
+        self._memory = Memory(2.0 * CELL_M) if memory else None
+        self._begins = True
         self._seen = -1
         self._drawn_s = -math.inf
         self._energy = EnergyModel.of(config)
@@ -81,15 +81,17 @@ class Pipeline:
             self._map.update(frame, request.frame_pose, request.floor_z_m)
             self._map.clear_robot(request.body_pose)
         mapped_s = now()
-        network = self._ask_network(request, frame)
-        thought_s = now()
         if request.fresh or (self._previous is not None and self._previous.mode is not request.mode):
             self._previous = None
+        if request.mode is Mode.LAND and (request.fresh or self._begins):
+            self._map.assume_free(request.body_pose, RING_M)
         if request.fresh:
             self._way_out.reset()
-            if request.mode is Mode.LAND:
-                self._map.assume_free(request.body_pose, RING_M)
+        self._begins = False
         ways = self._ways_on_land(request)
+        asked_s = now()
+        network = self._first.ask(request, frame if self._asks else None, self._map)
+        thought_s = now()
         room_above = self._column_clear(request, request.lift_to_m)
         if request.mode is Mode.LAND:
             followed, refined, routed_s, why = self._drive(request, network, ways, room_above)
@@ -115,49 +117,14 @@ class Pipeline:
             stuck=request.mode is Mode.LAND and self._way_out.given_up,
             timings=Timings(
                 mapped_s - began_s,
-                thought_s - mapped_s,
-                routed_s - thought_s,
+                thought_s - asked_s,
+                routed_s - thought_s + asked_s - mapped_s,
                 done_s - routed_s,
                 done_s - began_s,
             ),
             probe=self._probe(request),
             map_xy_m=self._map_now_and_then(request.start_s),
         )
-
-    # ------------------------------------------------------------------ first stage
-    def _ask_network(self, request: PlanRequest, frame: DepthFrame | None) -> KeyPoints:
-        goal = self._shown_goal(request)
-        pose = request.body_pose
-        level = odom_to_level(goal, pose)
-        straight = level[None] * np.linspace(0.2, 1.0, 5)[:, None]
-        if frame is None:
-            points, mu = straight, 1.0  # no image: a path that is not to be used
-        else:
-            seen = local_map(self._map, pose, request.floor_z_m) if self._network.takes_map else None
-            floor_m = request.floor_z_m + self._config.body.below_m - float(pose.position_m[2])
-            points, mu, _ = self._network.predict(frame.depth_m, frame.intrinsics, level, seen, floor_m)
-            sane = np.isfinite(points).all() and np.abs(points).max() < FAR_M and 0.0 <= mu <= 1.0
-            if not sane:  # not a path: as if there were no image
-                points, mu = straight, 1.0
-        points = np.array(level_to_odom(points, pose))
-        if float(np.linalg.norm(points[-1, :2] - goal[:2])) < GOAL_JOIN_M:
-            points[-1, :2] = goal[:2]
-        drive_z_m = request.floor_z_m + self._config.body.below_m
-        return KeyPoints(points, classify(points, drive_z_m), float(mu), Source.GKPN)
-
-    def _shown_goal(self, request: PlanRequest) -> Array:
-        """The goal as the network sees it: within its range, a land goal at driving height."""
-        drive_z_m = request.floor_z_m + self._config.body.below_m
-        goal = np.array(
-            [request.goal_m[0], request.goal_m[1], request.goal_m[2] if request.goal_in_air else drive_z_m]
-        )
-        away = goal[:2] - request.body_pose.position_m[:2]
-        distance = float(np.hypot(*away))
-        range_m = min(NETWORK_RANGE_M, self._network.range_m)
-        if distance > range_m:
-            goal[:2] = request.body_pose.position_m[:2] + away * range_m / distance
-            goal[2] = drive_z_m
-        return goal
 
     # ------------------------------------------------------------------ ways on the map
     def _ways_on_land(self, request: PlanRequest) -> CostToGo:
@@ -166,13 +133,15 @@ class Pipeline:
 
         def search() -> CostToGo:
             self._seen_field = self._map.land_field(request.body_pose, request.floor_z_m)
-            self._memory.remember(self._seen_field.coarser(), request.body_pose.position_m)
+            if self._memory is not None:
+                self._memory.remember(self._seen_field.coarser(), request.body_pose.position_m)
             return self._ways(request, None, ())
 
         return self._land_ways.of((float(goal[0]), float(goal[1])), request.start_s, search)
 
     def _ways(self, request: PlanRequest, tight_m: float | None, closed: tuple[Array, ...]) -> CostToGo:
-        plan, goal, hard_m = self._memory.plan(request.goal_m), request.goal_m, self._refiner.land_hard_m
+        goal, hard_m = request.goal_m, self._refiner.land_hard_m
+        plan = self._seen_field.coarser() if self._memory is None else self._memory.plan(goal)
         offers = None
         if request.goal_in_air and self._seen_field.contains(goal[None, :2])[0]:
             air = self._ways_in_air(request, goal, float(goal[2]))
@@ -228,8 +197,7 @@ class Pipeline:
         beyond = dense[np.hypot(*(dense - here).T) > 0.3]
         free = self._seen_field.lookup(beyond) - self._refiner.land_hard_m if len(beyond) else np.array([1.0])
         away = request.goal_m[:2] - here
-        near = float(np.hypot(*away)) < GOAL_JOIN_M
-        bearing = 0.0 if near else wrap_pi(math.atan2(away[1], away[0]) - yaw_of(pose.quaternion))
+        bearing = wrap_pi(math.atan2(away[1], away[0]) - yaw_of(pose.quaternion))
         return routes.Evidence(
             mu=network.mu,
             goal_bearing_rad=bearing,
@@ -241,7 +209,11 @@ class Pipeline:
 
     # ------------------------------------------------------------------ second stage, on land
     def _drive(
-        self, request: PlanRequest, network: KeyPoints, ways: CostToGo, room_above: bool
+        self,
+        request: PlanRequest,
+        network: KeyPoints,
+        ways: CostToGo,
+        room_above: bool,
     ) -> tuple[KeyPoints | None, RefineResult, float, str]:
         land_part = network.points_m
         if request.goal_in_air and network.air.any():
@@ -252,6 +224,8 @@ class Pipeline:
             land_part = here[None]
         evidence = self._evidence(request, network, land_part, ways)
         self._route, why = routes.choose(self._route, evidence, request.start_s)
+        if float(np.hypot(*(request.goal_m[:2] - here[:2]))) < GOAL_JOIN_M:  # nothing left to see there
+            self._route, why = routes.State(Source.SEARCH, request.start_s, 0), "at the goal"
         followed = KeyPoints(land_part, np.zeros(len(land_part), bool), network.mu, Source.GKPN)
         if self._route.source is Source.SEARCH:
             way = ways.path(here[:2])
@@ -376,7 +350,8 @@ class Pipeline:
         place = request.probe_m
         if place is None:
             return None
-        plan, hard_m = self._memory.plan(place), self._refiner.land_hard_m
+        hard_m = self._refiner.land_hard_m
+        plan = self._seen_field.coarser() if self._memory is None else self._memory.plan(place)
         ways = CostToGo(plan, place[:2], hard_m + NARROW_MARGIN_M)
         if math.isfinite(ways.cost_m(request.body_pose.position_m[:2])):
             return ""

@@ -70,6 +70,26 @@ METHODS: dict[str, Method] = {
 }
 
 
+# The flight's planner with one part taken out: what each part buys. Flown only where named.
+ABLATIONS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        Method(
+            "no-network",
+            "ours, map alone",
+            land_only=False,
+            sentence="ours without the network: the map's ways alone, refined as ever",
+        ),
+        Method(
+            "no-memory",
+            "ours, no memory",
+            land_only=False,
+            sentence="ours with the rolling map alone: what leaves its 20 m is forgotten",
+        ),
+    )
+}
+
+
 def find_methods(names: str) -> list[Method]:
     """The methods in a comma-separated list, in the registry's order, then networks as named.
 
@@ -82,11 +102,13 @@ def find_methods(names: str) -> list[Method]:
     if asked == ["all"]:
         return list(METHODS.values())
     networks = [name for name in asked if is_network(name)]
-    unknown = sorted(set(asked) - METHODS.keys() - set(networks))
+    unknown = sorted(set(asked) - METHODS.keys() - ABLATIONS.keys() - set(networks))
     if unknown or not asked:
         what = f"there is no method '{unknown[0]}'" if unknown else "no method is named"
-        raise BadInput(what, f"Take {', '.join(METHODS)}, {HOW}, several with commas, or all")
-    return [*(m for m in METHODS.values() if m.name in asked), *(_network(name) for name in networks)]
+        known = ", ".join(METHODS | ABLATIONS)
+        raise BadInput(what, f"Take {known}, {HOW}, several with commas, or all")
+    known = (*METHODS.values(), *ABLATIONS.values())
+    return [*(m for m in known if m.name in asked), *(_network(name) for name in networks)]
 
 
 def find_method(name: str) -> Method:
@@ -97,9 +119,10 @@ def find_method(name: str) -> Method:
     """
     if is_network(name):
         return _network(name)
-    if name not in METHODS:
-        raise BadInput(f"there is no method '{name}'", f"Take one of {', '.join(METHODS)}, {HOW}")
-    return METHODS[name]
+    known = METHODS | ABLATIONS
+    if name not in known:
+        raise BadInput(f"there is no method '{name}'", f"Take one of {', '.join(known)}, {HOW}")
+    return known[name]
 
 
 def in_order(names: Iterable[str]) -> list[str]:
@@ -128,10 +151,10 @@ def make_planner(name: str, config: RobotConfig, task: Task) -> Planner:
         config: The robot.
         task: Only the oracle may look at it.
     """
-    if name == "two-stage":
+    if name == "two-stage" or name in ABLATIONS:
         from labr_autonomy.planner.pipeline import Pipeline
 
-        return Pipeline(config)
+        return Pipeline(config, network=name != "no-network", memory=name != "no-memory")
     if name == "iplanner":
         from sim.bench.iplanner.planner import IPlannerPlanner
 

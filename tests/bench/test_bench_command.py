@@ -314,3 +314,9 @@ def test_the_registry_makes_only_what_it_knows():
         methods.make_planner("x", None, None)
     assert not methods.METHODS["iplanner"].suits(True)
     assert methods.METHODS["mapping"].suits(True)
+    assert [m.name for m in methods.find_methods("no-memory,oracle,no-network")] == [
+        "oracle",
+        "no-network",
+        "no-memory",
+    ]
+    assert not methods.ABLATIONS.keys() & {m.name for m in methods.find_methods("all")}

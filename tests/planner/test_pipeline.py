@@ -124,7 +124,7 @@ def test_a_path_with_mu_of_one_half_is_not_used(eye, pipeline, monkeypatch):
     robot = Ideal(START)
     frame = DepthFrame(1, 0.0, eye.look(robot.pose), CONFIG.camera.intrinsics)
     points = np.linspace([0.4, 0.0, 0.0], [2.0, 0.0, 0.0], 5)
-    monkeypatch.setattr(pipeline._network, "predict", lambda *_: (points, 0.5, 0.001))
+    monkeypatch.setattr(pipeline._first._network, "predict", lambda *_: (points, 0.5, 0.001))
     result = pipeline.cycle(robot.request(1, 1.0, Mode.LAND, LAND_GOAL, False), frame)
     assert result.followed is None or result.followed.source is not Source.GKPN
     assert "mu 0.50" in result.reason
@@ -168,3 +168,13 @@ def test_a_place_is_looked_up_before_anybody_drives_there(pipeline, monkeypatch,
     found = pipeline._probe(asked)
     assert found.startswith(answer)
     assert bool(found) == bool(answer)
+
+
+def test_without_the_network_the_map_alone_leads(eye):
+    robot = Ideal(START)
+    frame = DepthFrame(1, 0.0, eye.look(robot.pose), CONFIG.camera.intrinsics)
+    request = robot.request(1, 0.0, Mode.LAND, LAND_GOAL, False)
+    result = Pipeline(CONFIG, network=False, memory=False).cycle(request, frame)
+    assert result.network.mu == 1.0
+    assert result.followed is not None
+    assert result.followed.source is Source.SEARCH
