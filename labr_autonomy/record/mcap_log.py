@@ -3,8 +3,9 @@
 Topics of our own are JSON; beside them stand the topics that viewers know by itself (`record.foxglove`).
 
 The caller's cost is an append to a bounded queue: it never waits for the disk. When the queue is full the
-oldest entry goes, and the loss is counted and itself logged. Chunks are closed every half second, so that
-a killed process loses no more than that; `read_log` reads such a file up to its torn end.
+oldest entry goes, and the loss is counted and itself logged. Chunks are closed and on the disk every half
+second, so that a killed process or a power cut loses no more than that; `read_log` reads such a file up
+to its torn end.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import os
 import struct
 import threading
 from collections import deque
@@ -329,6 +331,8 @@ class FlightLog:
                     )
                 if now_s >= flush_due_s:
                     self._writer.flush()
+                    self._stream.flush()
+                    os.fdatasync(self._stream.fileno())  # on the disk, not in memory that a power cut empties
                     flush_due_s = now_s + FLUSH_S
                 if stopping:
                     break

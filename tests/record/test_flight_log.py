@@ -193,3 +193,20 @@ def test_depth_survives_to_the_millimetre_and_is_thinned_in_time(tmp_path):
 
 def test_depth_beyond_sixteen_bits_is_clipped():
     assert encode_depth(np.full((2, 2), 500.0, np.float32))[:4] == b"\x89PNG"
+
+
+def test_what_was_flushed_is_on_the_disk(tmp_path, monkeypatch):
+    path = tmp_path / "a.mcap"
+    synced = threading.Event()
+    real = os.fdatasync
+
+    def noticed(number):
+        real(number)
+        if texts(path) == ["first"]:  # readable by others at the moment it is asked for
+            synced.set()
+
+    monkeypatch.setattr(os, "fdatasync", noticed)
+    monkeypatch.setattr(mcap_log, "FLUSH_S", 0.05)
+    with FlightLog(path) as log:
+        log.event(1.0, "first")
+        assert synced.wait(10)
