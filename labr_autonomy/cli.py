@@ -16,8 +16,9 @@ import click
 
 from labr_autonomy import __version__
 from labr_autonomy.commands import operate
-from labr_autonomy.commands.bench import bench, difficulty_option
+from labr_autonomy.commands.bench import bench, difficulty_option, movers_option
 from labr_autonomy.commands.dataset import dataset
+from labr_autonomy.commands.energy import energy
 from labr_autonomy.commands.train import train
 from labr_autonomy.errors import BadInput, ExitCode, LabrError
 
@@ -189,6 +190,7 @@ def check(
     help="Of the trial: two-stage (default), iplanner, mapping, oracle, network, network@DIR.",
 )
 @difficulty_option
+@movers_option
 @click.option("--show", is_flag=True, help="Draw the trial, and open the picture where there is a display.")
 def sim(
     mission: Path | None,
@@ -200,6 +202,7 @@ def sim(
     world: Path | None,
     method: str | None,
     difficulty: float | None,
+    movers: int,
     show: bool,
 ) -> None:
     """Run the simulator of MISSION alone, or fly one trial of the benchmark again.
@@ -221,13 +224,16 @@ def sim(
             seed=seed or 0,
             method=method or "two-stage",
             difficulty=difficulty,
+            movers=movers,
             robot=robot,
             out=out,
             show=show,
         )
         return
-    if method is not None or difficulty is not None or show:
-        raise BadInput("--method, --difficulty and --show are of a trial", "Name its --family or --world")
+    if method is not None or difficulty is not None or movers or show:
+        raise BadInput(
+            "--method, --difficulty, --movers and --show are of a trial", "Name its --family or --world"
+        )
     _serve_simulator(mission, robot, seed, worlds, out)
 
 
@@ -259,6 +265,7 @@ main.add_command(operate.console)
 main.add_command(operate.replay)
 main.add_command(bench)
 main.add_command(dataset)
+main.add_command(energy)
 main.add_command(train)
 
 

@@ -108,6 +108,10 @@ class Clearance(Section):
     hard_m: float = Field(default=0.04, ge=0.0)  # a trajectory closer than this never leaves the refiner
     soft_m: float = Field(default=0.12, ge=0.0)  # what the refiner aims for
     landing_m: float = Field(default=0.15, ge=0.0)  # free ring around the outline where it lands or takes off
+    # Rise over run of the floor where it lands or takes off, at most: 10 degrees. Assumed, so that a place
+    # stays below the 15 degrees of tilt at which rotors must not be switched off, though the heights seen
+    # from the air tell a slope to about 2 degrees only.
+    landing_slope: float = Field(default=0.18, gt=0.0, le=0.5)
 
 
 class Network(Section):

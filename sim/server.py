@@ -33,6 +33,8 @@ from labr_autonomy.types import Pose
 from sim.autopilot.link import AutopilotStandIn
 from sim.camera.process import CameraSpec
 from sim.land_controller import LandController
+from sim.movers.crowd import Crowd
+from sim.movers.place import movers_for
 from sim.plant import STEP_S, Plant, WheelDrive
 from sim.pose_slot import PoseSlotWriter
 from sim.referee import Referee
@@ -78,7 +80,11 @@ class Simulator:
         self.surface = Surface(self._world, self.robot.body)
         disturbances = spec.drawn()
         self.plant = Plant(self.robot, self.surface, spec.start, spec.seed, disturbances)
-        self.referee = Referee()
+        movers = movers_for(spec.movers, spec.seed, spec.ask_m, self._world, self.surface, self.robot)
+        if len(movers) < spec.movers:
+            log.warning("only %d of %d movers fit beside the way", len(movers), spec.movers)
+        self._crowd = Crowd(movers, self.robot) if movers else None
+        self.referee = Referee(crowd=self._crowd)
         self._vio = VioStandIn(spec.seed, disturbances.vio)
         self._vio_remote = udp_address(links.vio)
         self._vio_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -89,7 +95,7 @@ class Simulator:
             self.robot, udp_address("udp://" + links.air.split("://")[1]), spec.seed
         )
         self._land = LandController(self.robot, self._clock, spec.seed, link_path=Path(links.ground))
-        self._pose_slot = PoseSlotWriter(f"{tag}_pose")
+        self._pose_slot = PoseSlotWriter(f"{tag}_pose", len(movers))
         self._camera_spec = CameraSpec(
             world=self._world.spec,
             pose_slot=f"{tag}_pose",
@@ -97,6 +103,7 @@ class Simulator:
             camera=self.robot.camera,
             seed=spec.seed,
             parent_pid=os.getpid(),
+            movers=tuple(mover.as_dict() for mover in movers),
         )
         self._camera: subprocess.Popen[bytes] | None = None
         self._drive = WheelDrive(0.0, 0.0, True)
@@ -118,7 +125,8 @@ class Simulator:
 
     def _publish_pose(self, now_s: float) -> None:
         state = self.plant.state
-        self._pose_slot.write(now_s, Pose(state.position_m, state.quaternion))
+        along_m = self._crowd.along_m if self._crowd is not None else ()
+        self._pose_slot.write(now_s, Pose(state.position_m, state.quaternion), along_m)
 
     def _step(self, now_s: float) -> None:
         plant = self.plant
@@ -126,6 +134,8 @@ class Simulator:
         targets = self._land.step(now_s, plant.pins(armed=self._autopilot.armed))
         self._drive = WheelDrive(targets.left_mps, targets.right_mps, targets.braked)
         plant.step(motors, self._drive)
+        if self._crowd is not None:
+            self._crowd.watch(STEP_S, plant.state)
         self.referee.watch(now_s, plant)
         self._publish_pose(now_s)
         self._see(now_s)

@@ -26,6 +26,7 @@ class SimSpec:
     worlds_dir: str | None = None
     robot: RobotConfig = field(default_factory=RobotConfig)
     die_with_parent: bool = True
+    movers: int = 0  # people and boxes that walk across the likely way
     disturbances: dict[str, Any] | None = None  # as `Disturbances.from_dict` reads it; the world's usual ones
 
     def drawn(self) -> Disturbances:

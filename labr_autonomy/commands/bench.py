@@ -14,6 +14,7 @@ from labr_autonomy.commands.ablation import table1
 from labr_autonomy.commands.checks import camera, crosscheck
 from labr_autonomy.commands.console_bench import console
 from labr_autonomy.commands.networks import table2
+from labr_autonomy.commands.transitions import transitions
 from labr_autonomy.errors import BadInput
 
 if TYPE_CHECKING:
@@ -58,6 +59,13 @@ world_option = click.option(
     metavar="FILE.yaml",
     help="A mesh world: a file, or a name: workshop.yaml, small_house.yaml, ... May be repeated.",
 )
+movers_option = click.option(
+    "--movers",
+    type=click.IntRange(0, 50),
+    default=0,
+    metavar="N",
+    help="People and boxes that walk across the way in each trial.",
+)
 worlds_dir_option = click.option(
     "--worlds",
     "worlds_dir",
@@ -91,6 +99,7 @@ def bench() -> None:
     help="two-stage, iplanner, mapping, oracle; network, network@DIR.",
 )
 @difficulty_option
+@movers_option
 @worlds_dir_option
 @_with_common
 def navigation(
@@ -99,12 +108,13 @@ def navigation(
     trials: int,
     method: str,
     difficulty: float | None,
+    movers: int,
     **common: Any,
 ) -> None:
     """Goals on land and in the air, in generated worlds and in meshes.
 
     Trial i has seed S0 + i: world, start, goal, noise and disturbances follow from it. The oracle flies each
-    task first; what it does not reach is not counted. Ctrl-C keeps what is done.
+    task first, without movers; what it does not reach is not counted. Ctrl-C keeps what is done.
     """
     from sim.bench.methods import find_methods
     from sim.bench.page import navigation_page
@@ -112,12 +122,13 @@ def navigation(
     from sim.bench.settings import Settings
 
     methods = tuple(m.name for m in find_methods(method))
-    places = find_places(family, worlds, difficulty, common.pop("worlds_dir"))
+    places = find_places(family, worlds, difficulty, common.pop("worlds_dir"), movers)
     arguments = ["--trials", str(trials), "--method", ",".join(methods), "--seed", str(common["seed"])]
     generated = [place.name for place in places if "family" in place.spec]
     arguments += ["--family", ",".join(generated)] if generated else []
     arguments += [word for path in worlds for word in ("--world", str(path))]
     arguments += [] if difficulty is None else ["--difficulty", f"{difficulty:g}"]
+    arguments += ["--movers", str(movers)] if movers else []
     settings = Settings(
         "navigation",
         places,
@@ -174,10 +185,15 @@ bench.add_command(camera)
 bench.add_command(console)
 bench.add_command(table1)
 bench.add_command(table2)
+bench.add_command(transitions)
 
 
 def find_places(
-    family: str | None, worlds: tuple[Path, ...], difficulty: float | None, worlds_dir: Path | None
+    family: str | None,
+    worlds: tuple[Path, ...],
+    difficulty: float | None,
+    worlds_dir: Path | None,
+    movers: int = 0,
 ) -> tuple[Place, ...]:
     """Where to fly.
 
@@ -186,6 +202,7 @@ def find_places(
         worlds: World files: paths, or names of files in `worlds_dir` or of those that come along.
         difficulty: Of generated worlds.
         worlds_dir: Folder of meshes and world files.
+        movers: How many people and boxes walk across the way in each trial.
 
     Raises:
         BadInput: for an unknown family, two places of one name, or none at all.
@@ -211,6 +228,8 @@ def find_places(
     twice = [p.name for i, p in enumerate(places) if p.name in {q.name for q in places[:i]}]
     if twice:
         raise BadInput(f"two worlds are called '{twice[0]}'", "Give one another `name` in its file")
+    if movers:
+        places = [Place(p.name, {**p.spec, "movers": movers}) for p in places]
     return tuple(places)
 
 

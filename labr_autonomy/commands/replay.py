@@ -22,6 +22,7 @@ def replay(
     seed: int,
     method: str,
     difficulty: float | None,
+    movers: int,
     robot: Path | None,
     out: Path | None,
     show: bool,
@@ -35,6 +36,7 @@ def replay(
         seed: Of the trial.
         method: A name that `sim.bench.methods` knows.
         difficulty: Of a generated world.
+        movers: How many people and boxes walk across the way.
         robot: robot.yaml, or None for the standard robot.
         out: Where the run folder is made.
         show: Draw the picture, and open it where there is a display.
@@ -45,7 +47,7 @@ def replay(
     from sim.bench.methods import find_method
     from sim.bench.report_lines import describe
 
-    places = find_places(family, () if world is None else (world,), difficulty, worlds_dir)
+    places = find_places(family, () if world is None else (world,), difficulty, worlds_dir, movers)
     if len(places) != 1:
         raise BadInput(f"{len(places)} families are named", "Name one; a trial is in one world")
     find_method(method)  # refuses one that is not known, before anything is made

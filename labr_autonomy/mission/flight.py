@@ -334,7 +334,8 @@ class Flight:
                 self._log.odometry(estimate)
             ages = self._ages(now_s)
             self._log.link_ages(now_s, ages)
-            ground, meter = self._ground.state, self.record.meter
+            ground, air, meter = self._ground.state, self._air.state, self.record.meter
+            volts, amps = air.battery_v, air.current_a
             self._log.battery(
                 now_s,
                 voltage_v=ground.battery_v,
@@ -342,6 +343,8 @@ class Flight:
                 energy_land_j=meter.energy_land_j,
                 energy_air_j=meter.energy_air_j,
                 energy_transition_j=meter.energy_transition_j,
+                air_voltage_v=volts,
+                air_power_w=None if volts is None or amps is None else volts * amps,
             )
             self._show(now_s, ages)
             self._check_logs()

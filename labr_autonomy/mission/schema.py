@@ -228,7 +228,17 @@ class EnergyPolicy(Section):
     """Share of the pack that is not planned with [%]."""
 
 
-class GeneratedWorld(Section):
+MOVERS_MAX = 50
+
+
+class WithMovers(Section):
+    """A world in which people and boxes may walk to and fro across the robot's likely way."""
+
+    movers: Annotated[int, Field(ge=0, le=MOVERS_MAX)] = 0
+    """How many, drawn by the seed; fewer where the way leaves no room for their tracks."""
+
+
+class GeneratedWorld(WithMovers):
     """A world drawn from a family and the seed."""
 
     family: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
@@ -262,7 +272,7 @@ def _stays_below(file: str) -> str:
 BelowFolder = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_stays_below)]
 
 
-class MeshWorld(Section):
+class MeshWorld(WithMovers):
     """A world read from a file of triangles."""
 
     mesh: BelowFolder
@@ -277,7 +287,7 @@ class MeshWorld(Section):
         return {"mesh": self.mesh, "scale": self.scale, "up": self.up}
 
 
-class DescribedWorld(Section):
+class DescribedWorld(WithMovers):
     """A mesh with its bounds, start and goals, described by a world file."""
 
     file: Annotated[BelowFolder, Field(pattern=r"\.ya?ml$")]

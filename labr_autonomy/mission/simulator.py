@@ -134,6 +134,7 @@ def simulator_spec(
         "start": [start.x, start.y, math.radians(start.yaw_deg), start.z],
         "keep_clear_m": clear_places(mission, robot),
         "ask_m": goal_places(mission, robot),
+        "movers": mission.sim.world.movers,
         "worlds_dir": str(worlds_dir) if worlds_dir is not None else None,
         "robot": robot.model_dump(mode="json"),
         "die_with_parent": die_with_parent,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from labr_autonomy.perception import driving_kernels as kernels
 from labr_autonomy.perception.driving_kernels import CELL_M, HIGHEST, LOWEST, MISS, NO_FLOOR, OCCUPIED, STEP_M
 from labr_autonomy.perception.fields import Field2
+from labr_autonomy.perception.footing import Footing, footing
 from labr_autonomy.perception.raycast import apply
 from labr_autonomy.perception.shift import moved
 from labr_autonomy.types import Array
@@ -119,23 +120,33 @@ class DrivingLayer:
 
     def clear(self, xy_m: Array, radius_m: float) -> None:
         """Mark a disc as free: the robot stands there."""
-        region, disc = self._disc(xy_m, radius_m)
+        x, y, disc = self._disc(xy_m, radius_m)
+        region = self.odds[x, y]
         region[disc] = np.minimum(region[disc], LOWEST)
 
     def assume_free(self, xy_m: Array, radius_m: float) -> None:
         """Mark what is unknown of a disc as free, as weakly as one ray does."""
-        region, disc = self._disc(xy_m, radius_m)
+        x, y, disc = self._disc(xy_m, radius_m)
+        region = self.odds[x, y]
         region[disc & (region >= 0) & (region < OCCUPIED)] = -1
 
-    def _disc(self, xy_m: Array, radius_m: float) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
-        """The cells about a disc, and which of their middles lie in it."""
+    def footing(self, xy_m: Array, radius_m: float) -> Footing | None:
+        """How the floor round a place (2,) odom slopes; None where too little of it has been seen."""
+        x, y, _ = self._disc(xy_m, radius_m)
+        part = self.heights_mm[x, y]
+        heights = np.where(part == NO_FLOOR, np.nan, 1e-3 * part)
+        corner = self.origin_m + np.array([x.start, y.start]) * CELL_M
+        return footing(heights, corner, CELL_M, xy_m, radius_m)
+
+    def _disc(self, xy_m: Array, radius_m: float) -> tuple[slice, slice, NDArray[np.bool_]]:
+        """Cells along x and y round a place (2,) odom, and which of them have their middle within."""
         at = (np.asarray(xy_m, float) - self.origin_m) / CELL_M
         n = self.odds.shape[0]
         low = np.clip(np.floor(at - radius_m / CELL_M).astype(int), 0, n)
         high = np.clip(np.ceil(at + radius_m / CELL_M).astype(int), 0, n)
         i, j = np.ogrid[low[0] : high[0], low[1] : high[1]]
         disc: NDArray[np.bool_] = (i + 0.5 - at[0]) ** 2 + (j + 0.5 - at[1]) ** 2 <= (radius_m / CELL_M) ** 2
-        return self.odds[low[0] : high[0], low[1] : high[1]], disc
+        return slice(low[0], high[0]), slice(low[1], high[1]), disc
 
     def seen(self) -> Field2:
         """Distance to what was seen to hinder the driving body, over the whole square: for searches."""

@@ -216,11 +216,15 @@ class FlightLog:
         energy_land_j: float,
         energy_air_j: float,
         energy_transition_j: float,
+        air_voltage_v: float | None = None,
+        air_power_w: float | None = None,
     ) -> None:
-        """The pack, and the joules spent so far in each mode."""
+        """The pack by both channels, and the joules spent so far in each mode."""
         body = {
             "voltage_v": voltage_v,
             "power_w": power_w,
+            "air_voltage_v": air_voltage_v,
+            "air_power_w": air_power_w,
             "energy_land_j": energy_land_j,
             "energy_air_j": energy_air_j,
             "energy_transition_j": energy_transition_j,

@@ -88,7 +88,7 @@ def _tiles(data: RunData) -> Iterator[str]:
     joules = [s.get(f"energy_{k}_j") for k in ("land", "air", "transition")]
     known = [j for j in joules if j is not None]
     errors = [e for e in s.get("goal_errors_m") or () if e is not None]
-    rows = (
+    rows: tuple[tuple[str, str, str], ...] = (
         ("duration", _figure(s.get("duration_s"), "s", 1), ""),
         ("on land", _figure(s.get("land_m"), "m", 1), "land"),
         ("in the air", _figure(s.get("air_m"), "m", 1), "air"),
@@ -97,6 +97,10 @@ def _tiles(data: RunData) -> Iterator[str]:
         ("least clearance", _figure(s.get("min_clearance_m"), "m", 2), ""),
         ("worst goal error", _figure(max(errors) if errors else None, "m", 2), ""),
     )
+    met = (s.get("truth") or {}).get("movers")
+    if met:
+        struck = s["truth"].get("struck_while_standing")
+        rows += (("movers", str(met), ""), ("struck while standing", _figure(struck, "", 0), ""))
     for label, value, colour in rows:
         yield f'<div class="tile {colour}"><b>{value}</b><span>{label}</span></div>'
 

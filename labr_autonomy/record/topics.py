@@ -59,6 +59,8 @@ TOPICS: dict[str, Schema] = {
     "/battery": _message(
         voltage_v=_NUMBER,
         power_w=_NUMBER,
+        air_voltage_v=_NUMBER,
+        air_power_w=_NUMBER,
         energy_land_j=_NUMBER,
         energy_air_j=_NUMBER,
         energy_transition_j=_NUMBER,

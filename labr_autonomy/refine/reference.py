@@ -17,6 +17,7 @@ PUSH_M = 0.06  # most that one round moves a point
 ACCELERATION_PART = 0.8  # of the limit is planned along the reference; the rest is left to follow it
 CREEP_MPS = 0.25  # unknown space never slows the robot below this, so that it still goes and looks
 NEAR_M = 0.6  # unknown this close to the outline is taken as free: the camera cannot see there
+END_M = 0.15  # an end that was pushed farther than this is not where the key points lead
 MARGIN_M = 0.1  # left between the outline and the first unknown cell after stopping
 
 
@@ -69,21 +70,24 @@ def shape(start: Array, key_points_m: Array, field: DistanceField, hard_m: float
         aim_m: Distance to push to where there is room.
 
     Returns:
-        The free part. It is cut, and marked as blocked, at the first place that pushing could not free.
+        The free part. It is cut, and marked as blocked, at the first place that pushing could not free; it
+        is blocked as well where its end had to be pushed away.
     """
     raw = np.vstack([start, _ahead(start, key_points_m)])
     length = float(_steps(raw).sum())
     if length < 1e-6:
         return Path(np.vstack([start, start]), blocked=False)
     points = along(raw, np.linspace(0.0, length, max(2, math.ceil(length / PITCH_M) + 1)))
+    end = points[-1].copy()
     points = _pushed(points, field, hard_m, aim_m)
+    short = float(np.linalg.norm(points[-1] - end)) > END_M
     fine = along(points, np.arange(0.0, float(_steps(points).sum()) + CHECK_M, CHECK_M))
     distance = field.lookup(fine)
     best = np.maximum.accumulate(distance)
     bad = distance < np.minimum(hard_m, best - 0.02)  # a start too close to something may leave it
     bad[0] = False
     if not bad.any():
-        return Path(points, blocked=False)
+        return Path(points, blocked=short)
     cut = max(2, int(bad.argmax()))
     return Path(fine[:cut], blocked=True)
 

@@ -27,6 +27,7 @@ class Method:
     sentence: str  # for people who read a table
     sees: bool = True  # it is shown the camera's images
     true_pose: bool = False  # it is given the true pose, without noise, drift or delay
+    meets_movers: bool = True  # a task's movers are in its world
 
     def suits(self, in_air: bool) -> bool:
         """Whether it is sent to a goal of this kind."""
@@ -62,9 +63,10 @@ METHODS: dict[str, Method] = {
             "oracle",
             land_only=False,
             sentence="knows the whole world and takes the route of least energy: what the task costs at "
-            "best; a task that it does not reach is not counted for the others",
+            "best; a task that it does not reach is not counted for the others; it flies without movers",
             sees=False,
             true_pose=True,
+            meets_movers=False,
         ),
     )
 }
@@ -105,8 +107,7 @@ def find_methods(names: str) -> list[Method]:
     unknown = sorted(set(asked) - METHODS.keys() - ABLATIONS.keys() - set(networks))
     if unknown or not asked:
         what = f"there is no method '{unknown[0]}'" if unknown else "no method is named"
-        known = ", ".join(METHODS | ABLATIONS)
-        raise BadInput(what, f"Take {known}, {HOW}, several with commas, or all")
+        raise BadInput(what, f"Take {', '.join(METHODS | ABLATIONS)}, {HOW}, several with commas, or all")
     known = (*METHODS.values(), *ABLATIONS.values())
     return [*(m for m in known if m.name in asked), *(_network(name) for name in networks)]
 

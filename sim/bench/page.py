@@ -57,6 +57,7 @@ def navigation_page(results: Mapping[str, Any]) -> str:
     parts = ["# Navigation benchmark\n", f"```\n{results['command']}\n```\n", _AVERAGED + "\n"]
     for family in families:
         parts += _family(family, [row for row in rows if row["family"] == family])
+    parts += _movers(rows)
     parts += _baselines(rows)
     parts += _beside_the_paper(rows)
     parts += _left_out(results)
@@ -98,6 +99,35 @@ def _family(family: str, rows: Sequence[Row]) -> list[str]:
     cost_head = ["method", "time s", "driven m", "flown m", "energy kJ", "land / air / between kJ"]
     cost_head += ["energy / oracle", "clearance m", "plan p50 / p99 / max ms"]
     return [f"## {family}\n", table([*share_head, "SPL"], shares), table(cost_head, costs)]
+
+
+def _movers(rows: Sequence[Row]) -> list[str]:
+    """How the methods got on with people and boxes, where there were any."""
+    met = [row for row in rows if row["movers"]]
+    if not met:
+        return []
+    lines = [
+        [
+            f"{row['family']}, {row['method']}",
+            number(row["movers"], 1),
+            number(row["contact_pct"], 0),
+            number(row["unseen_contact_pct"], 0),
+            str(row["struck"]),
+        ]
+        for row in met
+    ]
+    return [
+        "## Movers\n",
+        table(
+            ["family, method", "movers a trial", "contact %", "out of view %", "struck while standing"], lines
+        ),
+        "People and boxes walk to and fro across the way at 0.6 to 1.5 m/s; as many as fit on tracks of "
+        "their own, up to the number asked for. They do not give way to a robot that moves. A person stops "
+        "short of a robot that has stood for a second, a box does not look. A contact with a mover counts as "
+        "any other, unless the robot had stood still for the last second: that is counted apart, as struck "
+        "while standing, and the flight goes on. Out of view are contacts with a mover that the camera had "
+        "not been looking at for a second. The oracle flies without movers.\n",
+    ]
 
 
 def _baselines(rows: Sequence[Row]) -> list[str]:

@@ -22,6 +22,7 @@ from sim.worlds.build import rebuild_world
 from sim.worlds.world import World
 
 WALL = "#6f7885"
+MOVER = "#8a4f9e"  # track of a mover, and its size at both ends
 CUTS_M = (0.06, 0.16, 0.26, 0.36)  # above the floor: what a driving robot can meet
 FLAT = 0.75  # faces whose normal is steeper than this are floor, ramp or ground, no obstacle
 MARGIN_M = 1.5
@@ -109,6 +110,11 @@ def draw_top(axes: Axes, world: World, task: Task, result: TrialResult | None, *
     segments = outlines(world, floors)
     inside = (np.abs(segments - middle) < half * 1.05).all(axis=2).any(axis=1) | _long(segments)
     axes.add_collection(LineCollection(list(segments[inside]), colors=WALL, linewidths=0.8, zorder=2))
+    for mover in task.movers:
+        axes.add_collection(LineCollection([mover["ends_m"]], colors=MOVER, linewidths=1.2, zorder=3))
+        for x_m, y_m in mover["ends_m"]:
+            reach = max(mover["shape"]["half_m"])
+            axes.add_patch(Circle((x_m, y_m), reach, fill=False, ec=MOVER, linewidth=0.8, zorder=3))
     draw_way(axes, places[:, :2], flown)
     axes.plot(*ends[0], "s", ms=6, mfc="white", mec=START, mew=1.6, zorder=6)
     axes.plot(*ends[1], "o", ms=8, mfc="white", mec=AIR if task.in_air else LAND, mew=1.8, zorder=6)
@@ -197,14 +203,21 @@ def trial_picture(task: Task, result: TrialResult, title: str) -> bytes:
         top.set_title(f"{title}: {result.outcome}, {result.time_s:.0f} s, {result.energy_j / 1e3:.2f} kJ")
         draw_top(top, world, task, result)
         top.set(xlabel="x [m]", ylabel="y [m]")
-        figure.legend(handles=key(), loc="outside lower center", ncols=6, frameon=False, fontsize=7)
+        figure.legend(
+            handles=key(movers=bool(task.movers)),
+            loc="outside lower center",
+            ncols=6,
+            frameon=False,
+            fontsize=7,
+        )
         if len(result.track):
             draw_side(side, task, result)
         return png(figure)
 
 
-def key() -> list[Line2D]:
+def key(*, movers: bool = False) -> list[Line2D]:
     """What the marks mean."""
+    walked = [Line2D([], [], color=MOVER, linewidth=1.2, label="tracks of people and boxes")]
     return [
         Line2D([], [], color=LAND, linewidth=2.0, label="driven"),
         Line2D([], [], color=AIR, linewidth=2.0, label="flown"),
@@ -212,6 +225,7 @@ def key() -> list[Line2D]:
         Line2D([], [], marker="o", ls="", ms=7, mfc="white", mec=INK, mew=1.6, label="goal"),
         Line2D([], [], marker="X", ls="", ms=7, mfc=BAD, mec="white", label="end away from the goal"),
         Line2D([], [], color=WALL, linewidth=1.0, label="obstacles at driving height"),
+        *(walked if movers else []),
     ]
 
 

@@ -36,7 +36,8 @@ def task_from_dict(values: Mapping[str, Any]) -> Task:
     """Back again."""
     x_m, y_m, yaw_rad, floor_m = values["start"]
     gx_m, gy_m, gz_m = values["goal_m"]
-    return Task(**{**values, "start": (x_m, y_m, yaw_rad, floor_m), "goal_m": (gx_m, gy_m, gz_m)})
+    known = {"start": (x_m, y_m, yaw_rad, floor_m), "goal_m": (gx_m, gy_m, gz_m)}
+    return Task(**{**values, **known, "movers": tuple(values.get("movers", ()))})
 
 
 def result_from_dict(values: Mapping[str, Any]) -> TrialResult:

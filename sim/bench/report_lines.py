@@ -34,6 +34,10 @@ def describe(task: Task, result: TrialResult, *, events: int) -> list[str]:
         f"plans    {result.plans}{middle}"
         + "".join(f", {count} {source}" for source, count in sorted(result.sources.items())),
     ]
+    if task.movers:
+        people = sum(m["shape"]["kind"] == "person" for m in task.movers)
+        struck = f"; the robot was struck {result.struck} times while it stood" if result.struck else ""
+        lines.append(f"movers   {people} people, {len(task.movers) - people} boxes{struck}")
     return lines + _events(result, events)
 
 

@@ -150,6 +150,9 @@ def _figures(counted: Sequence[Flight], seed: int) -> dict[str, Any]:
         "trials": len(counted),
         "trials_land": sum(not f.task.in_air for f in counted),
         "trials_air": sum(f.task.in_air for f in counted),
+        "movers": statistics.mean([float(f.result.movers) for f in counted]),
+        "unseen_contact_pct": statistics.share_pct([f.result.unseen > 0 for f in counted]),
+        "struck": sum(f.result.struck for f in counted),
     }
     for outcome in _OUTCOMES:
         flags = outcomes == outcome

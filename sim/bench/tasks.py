@@ -22,6 +22,7 @@ from labr_autonomy.frames import body_to_odom, odom_to_level, quaternion_from_rp
 from labr_autonomy.types import Array, Pose
 from sim.bench.known import Known, know
 from sim.lockstep.trial import Task
+from sim.movers.place import movers_for
 
 DISTANCE_M = (4.0, 25.0)
 HEIGHT_M = (0.8, 2.2)  # of an air goal above the floor below
@@ -59,15 +60,27 @@ def sample_task(spec: Mapping[str, Any], seed: int, robot: RobotConfig) -> Task:
     Args:
         spec: What `build_world` takes. A family without "seed" is drawn from the task's own. A mesh may say
             "start" [x, y, yaw in degrees] or [x, y, yaw in radians, floor z], "goals" [[x, y] on the floor or
-            [x, y, z] in the air, ...] and "bounds"; goals are taken in turn by seed.
+            [x, y, z] in the air, ...] and "bounds"; goals are taken in turn by seed. Any may say "movers",
+            how many people and boxes walk across the way: task and world are the same with and without.
         seed: Of the trial.
         robot: Its outline, camera and powers.
 
     Raises:
         BadInput: when the world offers no task.
     """
-    wanted = {**spec, "seed": spec.get("seed", seed)} if "family" in spec else dict(spec)
+    wanted = {key: value for key, value in spec.items() if key != "movers"}
+    if "family" in spec:
+        wanted["seed"] = spec.get("seed", seed)
     known = know(wanted, robot)
+    task = _sample(known, seed, robot)
+    begin = (task.start[0], task.start[1], task.start[3] + robot.body.below_m)
+    count, places = int(spec.get("movers", 0)), (begin, task.goal_m)
+    movers = movers_for(count, seed, places, known.world, known.surface, robot, free=known.free)
+    return replace(task, movers=tuple(mover.as_dict() for mover in movers)) if movers else task
+
+
+def _sample(known: Known, seed: int, robot: RobotConfig) -> Task:
+    """The task of a seed in a world, without movers."""
     rng = np.random.default_rng([seed, _STREAM])
     said = known.world.spec
     if not len(known.free.land.column):

@@ -7,6 +7,7 @@ outside the view or beyond the range are not drawn, far ones with less detail (s
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from labr_autonomy.errors import LabrError
 from labr_autonomy.types import Array, Image, Intrinsics
 from sim.camera.chunks import cut
+from sim.movers.mover import Placed, Shape
+from sim.movers.shapes import mesh, transform
 from sim.worlds.world import World
 
 NEAR_M = 0.05  # nothing of the world comes nearer to the lens than the body's outline lets it
@@ -56,10 +59,11 @@ class GlRenderer:
         self._corners = self._chunks.corners_m
         self._large = self._array(world.vertices_m, self._chunks.large) if len(self._chunks.large) else None
         self._small = [self._array(level.vertices_m, level.faces) for level in self._chunks.levels]
+        self._shapes: dict[Shape, Any] = {}  # of movers, uploaded when first seen
         self._gl.enable(self._gl.DEPTH_TEST)
         self._clip_from_camera = _projection(intrinsics, range_m)
 
-    def depth(self, T_world_camera: Array) -> Image:
+    def depth(self, T_world_camera: Array, movers: Sequence[Placed] = ()) -> Image:
         """Depth image (h, w) [m]; see `Renderer`."""
         turn = T_world_camera[:3, :3]
         camera_from_world = np.eye(4)
@@ -76,6 +80,8 @@ class GlRenderer:
         for number, (level, array) in enumerate(zip(self._chunks.levels, self._small, strict=True)):
             for first, last in self._chunks.runs(level, seen[wanted == number]):
                 array.render(vertices=3 * (last - first), first=3 * first)
+        for placed in movers:
+            self._draw(placed, clip_from_world)
         size = (self._intrinsics.height, self._intrinsics.width)
         buffer = np.frombuffer(self._depth.read(alignment=1), np.float32).reshape(size)
         # Window depth w in 0..1 of a perspective with near n and far f: depth = n f / (f - w (f - n)).
@@ -83,6 +89,14 @@ class GlRenderer:
         metres: Image = near * far / (far - buffer * (far - near))
         metres[buffer >= np.float32(1.0)] = 0.0
         return metres
+
+    def _draw(self, placed: Placed, clip_from_world: Array) -> None:
+        """One mover into the depth buffer."""
+        if placed.shape not in self._shapes:
+            self._shapes[placed.shape] = self._array(*mesh(placed.shape))
+        clip_from_shape = clip_from_world @ transform(placed)
+        self._program["clip_from_world"].write(clip_from_shape.T.astype(np.float32).tobytes())
+        self._shapes[placed.shape].render()
 
     def _array(self, vertices_m: NDArray[np.float32], faces: NDArray[np.int32]) -> Any:
         return self._gl.vertex_array(

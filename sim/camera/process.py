@@ -4,7 +4,8 @@ It reads the true pose from the pose slot, renders, spoils the image as the came
 with the pose's stamp into the frame slot, at a steady rate. It ends on SIGTERM, and with its parent.
 
 The spec is one JSON object: {"world": World.spec, "camera": config.Camera, "pose_slot": name,
-"frame_slot": name, "seed": 0, "rate_hz": 30, "noise": true, "renderer": "auto", "parent_pid": pid or null}.
+"frame_slot": name, "seed": 0, "rate_hz": 30, "noise": true, "renderer": "auto", "parent_pid": pid or null,
+"movers": [Mover.as_dict(), ...]}.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import logging
 import signal
 import sys
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import FrameType
 from typing import Any
@@ -29,6 +31,7 @@ from labr_autonomy.processes import die_with_parent
 from labr_autonomy.types import Array, Image, Pose
 from sim.camera.noise import D435i, flawed_depth
 from sim.camera.renderer import Renderer, make_renderer
+from sim.movers.mover import Mover, Placed
 from sim.pose_slot import PoseSlotReader
 from sim.worlds.build import rebuild_world
 
@@ -51,6 +54,7 @@ class CameraSpec:
     noise: bool = True
     renderer: str = "auto"
     parent_pid: int | None = None  # who must be alive; None for nobody
+    movers: tuple[dict[str, Any], ...] = ()  # Mover.as_dict of each; the pose slot says where they are
 
     def to_json(self) -> str:
         """One line for the command line."""
@@ -61,8 +65,9 @@ class CameraSpec:
     def from_json(text: str) -> CameraSpec:
         """The value that `to_json` wrote."""
         try:
-            values = json.loads(text)
-            return CameraSpec(**{**values, "camera": Camera(**values.get("camera", {}))})
+            values = {**json.loads(text)}
+            known = {"camera": Camera(**values.get("camera", {})), "movers": tuple(values.get("movers", ()))}
+            return CameraSpec(**{**values, **known})
         except (TypeError, ValueError) as error:
             raise BadInput(
                 f"the camera's spec cannot be read: {error}", "Give CameraSpec.to_json()."
@@ -93,9 +98,9 @@ class Eye:
         self._flaws = D435i(range_min_m=camera.range_min_m, range_max_m=camera.range_max_m)
         self._frames = 0
 
-    def look(self, pose: Pose) -> Image:
-        """Depth image (h, w) [m] from a true pose of the body; 0 = invalid."""
-        depth_m = self._renderer.depth(camera_pose(pose, self._camera))
+    def look(self, pose: Pose, movers: Sequence[Placed] = ()) -> Image:
+        """Depth image (h, w) [m] from a true pose of the body, with movers where they are; 0 = invalid."""
+        depth_m = self._renderer.depth(camera_pose(pose, self._camera), movers)
         self._frames += 1
         if not self._noise:
             near = depth_m < np.float32(self._camera.range_min_m)
@@ -122,6 +127,7 @@ def run(spec: CameraSpec) -> None:
     signal.signal(signal.SIGTERM, stop)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the executive's; the simulator core ends us
     world = rebuild_world(spec.world)
+    movers = [Mover.from_dict(values) for values in spec.movers]
     camera = spec.camera
     renderer = make_renderer(world, camera.intrinsics, camera.range_max_m, kind=spec.renderer)
     log.info("camera: %s, world %s, %d triangles", renderer.kind, world.name, len(world.faces))
@@ -129,14 +135,21 @@ def run(spec: CameraSpec) -> None:
     poses = PoseSlotReader(spec.pose_slot, timeout_s=_POSE_WAIT_S)
     writer = FrameWriter(spec.frame_slot, camera.intrinsics)
     try:
-        _loop(stop, eye, poses, writer, 1.0 / spec.rate_hz)
+        _loop(stop, eye, poses, movers, writer, 1.0 / spec.rate_hz)
     finally:
         writer.close()
         poses.close()
         renderer.close()
 
 
-def _loop(stop: _Stop, eye: Eye, poses: PoseSlotReader, writer: FrameWriter, period_s: float) -> None:
+def _loop(
+    stop: _Stop,
+    eye: Eye,
+    poses: PoseSlotReader,
+    movers: Sequence[Mover],
+    writer: FrameWriter,
+    period_s: float,
+) -> None:
     """One picture a period: due = start + k * period; periods that were missed are skipped."""
     clock = SystemClock()
     due_s = reported_s = clock.now_s()
@@ -144,10 +157,11 @@ def _loop(stop: _Stop, eye: Eye, poses: PoseSlotReader, writer: FrameWriter, per
     skipped = 0
     while not stop.asked:
         begin_s = clock.now_s()
-        found = poses.latest()
+        found = poses.latest_whole()
         if found is not None:
-            stamp_s, pose = found
-            writer.write(stamp_s, eye.look(pose))
+            stamp_s, pose, along_m = found
+            placed = [mover.at(along) for mover, along in zip(movers, along_m, strict=True)]
+            writer.write(stamp_s, eye.look(pose, placed))
             times_s.append(clock.now_s() - begin_s)
         now_s = clock.now_s()
         if now_s - reported_s >= _REPORT_S and times_s:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from labr_autonomy.config import Camera
 from labr_autonomy.errors import BadInput
 from labr_autonomy.types import Array, Image, Intrinsics
+from sim.movers.mover import Placed
 from sim.worlds.world import World
 
 DEFAULT_RANGE_M = Camera().range_max_m
@@ -17,11 +19,12 @@ class Renderer(Protocol):
 
     kind: str  # what renders, for reports
 
-    def depth(self, T_world_camera: Array) -> Image:
+    def depth(self, T_world_camera: Array, movers: Sequence[Placed] = ()) -> Image:
         """Depth along the optical axis [m], (h, w) float32; 0 where nothing is within range.
 
         Args:
             T_world_camera: (4, 4) camera-FLU (x along the optical axis) to odom.
+            movers: What stands in the world besides its own triangles.
         """
         ...
 

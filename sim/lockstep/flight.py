@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,6 +24,7 @@ from sim.lockstep.air import AirSeam
 from sim.lockstep.land import LandSeam
 from sim.lockstep.planner import Planner
 from sim.lockstep.trial import Outcome
+from sim.movers.crowd import Crowd
 from sim.plant import STEP_S, Plant
 from sim.referee import Referee
 from sim.vio import VioStandIn
@@ -72,8 +74,18 @@ class Record:
     joules: Joules = field(default_factory=Joules)
 
 
+def to_goal(goal_m: tuple[float, float, float], in_air: bool) -> Step:
+    """The step of reaching a goal.
+
+    Args:
+        goal_m: (3,) body origin at the goal, odom.
+        in_air: It is to be reached flying.
+    """
+    return Step(Kind.GOTO, "goal", np.array(goal_m), in_air, accept_m=ACCEPT_M, timeout_s=math.inf)
+
+
 class LockstepFlight:
-    """Flies one goal.
+    """Flies a mission of a few steps.
 
     Args:
         config: The robot.
@@ -81,9 +93,9 @@ class LockstepFlight:
         vio: The pose source.
         eye: The camera; None for a method that does not look.
         planner: The method.
-        goal_m: (3,) body origin at the goal, odom.
-        in_air: The goal is to be reached flying.
+        mission: What is to be done; see `to_goal`.
         seed: Of the IMU.
+        crowd: Who walks about in its world; nobody when left out.
     """
 
     def __init__(
@@ -93,14 +105,13 @@ class LockstepFlight:
         vio: VioStandIn,
         eye: Eye | None,
         planner: Planner,
-        goal_m: tuple[float, float, float],
-        in_air: bool,
+        mission: Sequence[Step],
         seed: int,
+        crowd: Crowd | None = None,
     ) -> None:
-        goal = Step(Kind.GOTO, "goal", np.array(goal_m), in_air, accept_m=ACCEPT_M, timeout_s=math.inf)
         self._config, self._plant, self._vio, self._eye = config, plant, vio, eye
         self._planner = planner
-        self._pilot = Pilot(config, [goal])
+        self._pilot = Pilot(config, mission)
         self._filter = PoseFilter()
         self._air = AirSeam(seed)
         self._land = LandSeam(config)
@@ -113,7 +124,10 @@ class LockstepFlight:
         self._due: tuple[int, PlanResult] | None = None  # tick at which the plan is there
         self._result_s = 0.0
         self._stay: tuple[float, np.ndarray] | None = None  # since when, and where
-        self.referee = Referee()
+        self._crowd = crowd
+        self.on_tick: Callable[[float, Actions], None] | None = None  # told the time and what left
+        self.on_step: Callable[[float], None] | None = None  # told the time after each step of the physics
+        self.referee = Referee(crowd=crowd)
         self.record = Record()
 
     def run(self, limit_s: float) -> tuple[Outcome, str]:
@@ -126,7 +140,7 @@ class LockstepFlight:
             if self._stuck():
                 return "timeout", f"it has not left its place for {STUCK_S:.0f} s"
             if self.referee.contacts:
-                return "contact", f"touched something at {self.referee.contact_places_m[0]}"
+                return "contact", f"touched {self._touched()} at {self.referee.contact_places_m[0]}"
             actions = self._tick()
             if self._pilot.steps.status is Status.DONE:
                 return "reached", "the goal is reached"
@@ -138,6 +152,13 @@ class LockstepFlight:
     def time_s(self) -> float:
         """Duration of the flight so far [s]."""
         return self._now_s - self._start_s
+
+    def _touched(self) -> str:
+        """What the first contact was with."""
+        if not self.referee.mover_contacts or self._crowd is None or self._crowd.nearest is None:
+            return "something"
+        unseen = " out of view" if self.referee.unseen_contacts else ""
+        return f"a {self._crowd.movers[self._crowd.nearest].shape.kind}{unseen}"
 
     def _stuck(self) -> bool:
         """Whether the robot has stayed where it is for too long."""
@@ -164,7 +185,11 @@ class LockstepFlight:
         motors = self._air.step(self._now_s, STEP_S, plant.state, plant.battery)
         drive = self._land.step(self._now_s, STEP_S, plant.pins(armed=self._air.armed))
         plant.step(None if motors is None else np.array(motors), drive)
+        if self._crowd is not None:
+            self._crowd.watch(STEP_S, plant.state)
         self.referee.watch(self._now_s, plant)
+        if self.on_step is not None:
+            self.on_step(self._now_s)
         if self._steps % VIO_EVERY == 0:
             state = plant.state
             self._vio.feed(self._now_s, Pose(state.position_m, state.quaternion), state.velocity_mps)
@@ -222,7 +247,8 @@ class LockstepFlight:
         beat = self._ticks % PLAN_EVERY
         if beat == 0 and self._eye is not None:
             state = self._plant.state
-            image = self._eye.look(Pose(state.position_m, state.quaternion))
+            movers = self._crowd.placed if self._crowd is not None else ()
+            image = self._eye.look(Pose(state.position_m, state.quaternion), movers)
             self._frame = DepthFrame(self._ticks, self._now_s, image, self._config.camera.intrinsics)
         if beat != LOOK_TICKS or estimate is None:
             return
@@ -252,6 +278,8 @@ class LockstepFlight:
     # ------------------------------------------------------------------ records
     def _note(self, actions: Actions) -> None:
         self.record.joules.add(actions.phase, self._plant.battery.used_j)
+        if self.on_tick is not None:
+            self.on_tick(self._now_s, actions)
         if self._ticks % TRACK_EVERY == 0:
             x, y, z = (round(float(v), 3) for v in self._plant.state.position_m)
             flown = int(actions.phase in ROTORS)

@@ -14,9 +14,11 @@ from labr_autonomy.config import RobotConfig
 from sim.camera.process import Eye
 from sim.camera.renderer import Renderer, make_renderer
 from sim.disturbances import Disturbances
-from sim.lockstep.flight import LockstepFlight
+from sim.lockstep.flight import LockstepFlight, to_goal
 from sim.lockstep.planner import Planner
 from sim.lockstep.trial import REACHED_M, Outcome, Task, Trial, TrialResult
+from sim.movers.crowd import Crowd
+from sim.movers.mover import Mover
 from sim.plant import Plant
 from sim.vio import VioModel, VioStandIn
 from sim.worlds.made import made_world
@@ -75,6 +77,7 @@ def fly_with(
     *,
     sees: bool = True,
     true_pose: bool = False,
+    meets_movers: bool = True,
 ) -> TrialResult:
     """Fly a task with a planner.
 
@@ -84,13 +87,17 @@ def fly_with(
         robot: The robot.
         sees: Render the camera's images for it.
         true_pose: Give it the true pose without noise, drift or delay (the oracle's privilege).
+        meets_movers: The task's movers are there for it (the oracle flies without them).
     """
     stage = Stage.of(task.world, robot)
     disturbances = Disturbances.for_world(task.world)
     plant = Plant(robot, stage.surface, task.start, task.seed, disturbances)
     vio = VioStandIn(task.seed, TRUE_POSE if true_pose else disturbances.vio)
     eye = Eye(stage.renderer, robot.camera, seed=task.seed) if sees else None
-    flight = LockstepFlight(robot, plant, vio, eye, planner, task.goal_m, task.in_air, task.seed)
+    movers = [Mover.from_dict(values) for values in task.movers] if meets_movers else []
+    crowd = Crowd(movers, robot) if movers else None
+    goal = to_goal(task.goal_m, task.in_air)
+    flight = LockstepFlight(robot, plant, vio, eye, planner, [goal], task.seed, crowd)
     began_s = cpu_s()
     outcome, reason = flight.run(task.limit_s)
     spent_s = cpu_s() - began_s
@@ -116,6 +123,9 @@ def fly_with(
         real_time_factor=flight.time_s / spent_s if spent_s > 0.0 else math.inf,
         track=record.track,
         events=record.events,
+        movers=len(movers),
+        unseen=referee.unseen_contacts,
+        struck=referee.struck,
     )
 
 
@@ -138,4 +148,11 @@ def fly_trial(trial: Trial, robot: RobotConfig | None = None) -> TrialResult:
     vehicle = robot or RobotConfig()
     method = find_method(trial.method)
     planner = make_planner(trial.method, vehicle, trial.task)
-    return fly_with(trial.task, planner, vehicle, sees=method.sees, true_pose=method.true_pose)
+    return fly_with(
+        trial.task,
+        planner,
+        vehicle,
+        sees=method.sees,
+        true_pose=method.true_pose,
+        meets_movers=method.meets_movers,
+    )

@@ -24,6 +24,7 @@ class Task:
     shortest_m: float  # shortest way that a robot of this size can take, driven or flown
     bound_j: float  # energy of the oracle's route by the energy model
     bound_s: float  # its duration
+    movers: tuple[dict[str, Any], ...] = ()  # who walks about there, `sim.movers.mover.Mover.as_dict` of each
 
     @property
     def limit_s(self) -> float:
@@ -60,6 +61,9 @@ class TrialResult:
     real_time_factor: float  # simulated seconds per CPU second of the flight itself
     track: list[tuple[float, float, float, float, int]]  # t [s], x, y, z [m] odom true, 1 in the air; at 5 Hz
     events: list[tuple[float, str]]  # t [s], sentence
+    movers: int = 0  # people and boxes that walked about
+    unseen: int = 0  # contacts with movers that had been out of the camera's view for a second
+    struck: int = 0  # times that a mover ran into the robot while it stood; no contact of the robot's
 
     @property
     def energy_j(self) -> float:

@@ -80,7 +80,7 @@ class Scene:
 
     def world(self, name: str, spec: dict[str, Any], floor_half_m: tuple[float, float]) -> World:
         """Triangles of the solids and of a floor of the given half extents (tiles of at most 2 m)."""
-        parts = [_floor(floor_half_m)] + [_triangles(row) for row in self.rows]
+        parts = [_floor(floor_half_m)] + [triangles(row) for row in self.rows]
         offsets = np.cumsum([0] + [len(v) for v, _ in parts[:-1]])
         vertices = np.concatenate([v for v, _ in parts])
         faces = np.concatenate([f + o for (_, f), o in zip(parts, offsets, strict=True)])
@@ -104,7 +104,7 @@ def _solid_distance(points_m: Array, row: Array, *, flat: bool) -> Array:
     return outside + inside
 
 
-def _triangles(row: Array) -> tuple[Array, NDArray[np.int32]]:
+def triangles(row: Array) -> tuple[Array, NDArray[np.int32]]:
     """Corners (n, 3) and faces (m, 3) of one solid."""
     kind, *_, yaw = row
     centre, half = row[1:4], row[4:7]

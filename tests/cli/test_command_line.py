@@ -106,6 +106,7 @@ def test_only_commands_that_exist_are_listed():
         "replay",
         "console",
         "dataset",
+        "energy",
         "train",
     }
 
