@@ -31,7 +31,11 @@ def energy_curve(data: RunData) -> bytes | None:
         axes = figure.add_subplot()
         axes.grid(True, linewidth=0.6)
         axes.set_axisbelow(True)
-        seconds, kilojoules = table[0], np.array(table[1:]) / 1000.0
+        fallen = np.flatnonzero(
+            np.diff(np.sum(table[1:], axis=0)) < 0.0
+        )  # counted anew when the mission began
+        begin = int(fallen[-1]) + 1 if len(fallen) else 0
+        seconds, kilojoules = table[0][begin:], np.array(table[1:])[:, begin:] / 1000.0
         names = ("on land", "take-off and landing", "in the air")
         finals = [f"{name} {values[-1]:.2f} kJ" for name, values in zip(names, kilojoules, strict=True)]
         axes.stackplot(
