@@ -1,7 +1,8 @@
 """`labr-mission`. Only click is imported here; each command imports what it needs when it runs.
 
 Exit codes (`labr_autonomy.errors.ExitCode`): 0 done, 1 a fault in the program, 2 bad input, 3 refused or not
-feasible, 4 expectation missed, 5 aborted by the operator, 6 failsafe ended the mission.
+feasible, 4 expectation missed, 5 aborted by the operator, 6 failsafe ended the mission. `doctor` ends with
+1 when something is wrong.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from labr_autonomy import __version__
 from labr_autonomy.commands import operate
 from labr_autonomy.commands.bench import bench, difficulty_option, movers_option
 from labr_autonomy.commands.dataset import dataset
+from labr_autonomy.commands.doctor import doctor
 from labr_autonomy.commands.energy import energy
+from labr_autonomy.commands.params import params
 from labr_autonomy.commands.train import train
 from labr_autonomy.errors import BadInput, ExitCode, LabrError
 
@@ -96,6 +99,19 @@ def main() -> None:
 @click.option("--quiet", is_flag=True, help="No live line.")
 @click.option("--console", is_flag=True, help="Serve the operator's page, and wait for start on it.")
 @operate.served
+@click.option("--world", metavar="W", help="Another world: a family, a world file or a mesh.")
+@click.option(
+    "--air", metavar="URL", help="Fly an autopilot that is running there, e.g. udpin://127.0.0.1:14540."
+)
+@click.option(
+    "--truth",
+    metavar="URL",
+    help="Where its simulator publishes its truth, if not there, e.g. udpin://127.0.0.1:19410.",
+)
+@click.option(
+    "--watch", metavar="URL", help="Show the air link to a ground station, e.g. udp://127.0.0.1:14550."
+)
+@click.option("--watch-commands", is_flag=True, help="Let that ground station send as well.")
 def fly(
     mission: Path,
     robot: Path | None,
@@ -108,13 +124,30 @@ def fly(
     host: str,
     port: int,
     token_file: Path | None,
+    world: str | None,
+    air: str | None,
+    truth: str | None,
+    watch: str | None,
+    watch_commands: bool,
 ) -> None:
     """Carry out MISSION; without --robot in the simulator.
+
+    With --air the simulator supplies world, camera, wheels and VIO, and a PX4 or ArduPilot that you have
+    started (SITL with its own physics, in real time) flies.
 
     Ctrl-C once holds the robot where it is, twice brings it down and stops.
     """
     _must_exist(mission)
+    if robot is not None and (air is not None or world is not None):
+        raise BadInput("--air and --world are for the simulator", "Put links.air into robot.yaml instead")
+    if truth is not None and air is None:
+        raise BadInput("--truth goes with --air", "Name the autopilot by --air")
+    if watch_commands and watch is None:
+        raise BadInput("--watch-commands goes with --watch", "Name the ground station by --watch")
+    from labr_autonomy.air.watch import WatchAt
+    from labr_autonomy.commands.elsewhere import in_world
     from labr_autonomy.mission.executive import fly as carry_out
+    from labr_autonomy.mission.simulator import External
 
     code = carry_out(
         mission,
@@ -125,6 +158,9 @@ def fly(
         json_output=as_json,
         quiet=quiet,
         console=operate.console_options(host, port, token_file) if console else None,
+        external=None if air is None else External(air, truth),
+        relocate=None if world is None else lambda known: in_world(known, world, worlds),
+        watch=None if watch is None else WatchAt.parse(watch, may_speak=watch_commands),
     )
     click.get_current_context().exit(int(code))
 
@@ -265,7 +301,9 @@ main.add_command(operate.console)
 main.add_command(operate.replay)
 main.add_command(bench)
 main.add_command(dataset)
+main.add_command(doctor)
 main.add_command(energy)
+main.add_command(params)
 main.add_command(train)
 
 

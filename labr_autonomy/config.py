@@ -22,6 +22,9 @@ class Links(Section):
     air: str = Field(
         default="serial:///dev/ttyACM0:921600", description="MAVSDK connection URL of the Pixhawk"
     )
+    air_key: Path | None = Field(
+        default=None, description="file of the MAVLink 2 signing key (32 bytes, mode 0600); unsigned without"
+    )
     ground: str = Field(
         default="/dev/serial/by-id/usb-LABR_land_controller", description="serial device of the STM32"
     )

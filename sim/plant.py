@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -42,6 +43,37 @@ class WheelDrive:
     braked: bool
 
 
+class Body(Protocol):
+    """What moves the robot while its rotors may turn."""
+
+    def reset(
+        self,
+        position_m: Array,
+        yaw_rad: float,
+        *,
+        quaternion: Array | None = None,
+        velocity_mps: Array | None = None,
+    ) -> None:
+        """Take the robot over with still rotors."""
+        ...
+
+    def set_floor(self, z_m: float) -> None:
+        """Height of the floor under the robot [m]."""
+        ...
+
+    def set_wind(self, wind_mps: Array) -> None:
+        """Velocity of the air (3,) [m/s]."""
+        ...
+
+    def set_volts(self, volts: float) -> None:
+        """Terminal voltage of the pack [V]."""
+        ...
+
+    def step(self, motor_commands: Array | Sequence[float]) -> QuadState:
+        """Advance by `STEP_S` with (4,) duties."""
+        ...
+
+
 class Plant:
     """True state of the robot in its world.
 
@@ -51,6 +83,7 @@ class Plant:
         start: x, y [m], heading [rad] and height of the floor [m] in odom.
         seed: For wheel slip and wind.
         disturbances: Wind, slip, lags and battery; still air and the usual slip when left out.
+        quad: What flies; JSBSim's quadrotor when left out.
     """
 
     def __init__(
@@ -60,11 +93,12 @@ class Plant:
         start: tuple[float, float, float, float],
         seed: int,
         disturbances: Disturbances | None = None,
+        quad: Body | None = None,
     ) -> None:
         d = disturbances or Disturbances()
         self._body = config.body
         self._surface = surface
-        self.quad = Quad(STEP_S)
+        self.quad: Body = Quad(STEP_S) if quad is None else quad
         self.rover = Rover(config, seed, d.slip, d.actuators.wheel_tau_s)
         self.battery = Battery(
             config.energy.pack_j, remaining=d.battery.charge, resistance_ohm=d.battery.resistance_ohm

@@ -32,6 +32,7 @@ from labr_autonomy.processes import die_with_parent, on_time
 from labr_autonomy.types import Pose
 from sim.autopilot.link import AutopilotStandIn
 from sim.camera.process import CameraSpec
+from sim.external.bridge import Bridge
 from sim.land_controller import LandController
 from sim.movers.crowd import Crowd
 from sim.movers.place import movers_for
@@ -79,7 +80,15 @@ class Simulator:
         self._world = build_world(spec.world, seed=spec.seed, clear_m=spec.keep_clear_m, worlds_dir=folder)
         self.surface = Surface(self._world, self.robot.body)
         disturbances = spec.drawn()
-        self.plant = Plant(self.robot, self.surface, spec.start, spec.seed, disturbances)
+        air_remote = udp_address("udp://" + links.air.split("://")[1])
+        self._autopilot: AutopilotStandIn | Bridge
+        if spec.autopilot is None:
+            self._autopilot = AutopilotStandIn(self.robot, air_remote, spec.seed)
+            self.plant = Plant(self.robot, self.surface, spec.start, spec.seed, disturbances)
+        else:
+            self._autopilot = Bridge(self.robot, air_remote, spec.autopilot, spec.truth)
+            body = self._autopilot.body
+            self.plant = Plant(self.robot, self.surface, spec.start, spec.seed, disturbances, body)
         movers = movers_for(spec.movers, spec.seed, spec.ask_m, self._world, self.surface, self.robot)
         if len(movers) < spec.movers:
             log.warning("only %d of %d movers fit beside the way", len(movers), spec.movers)
@@ -91,9 +100,6 @@ class Simulator:
         self._vio_socket.setblocking(False)
         self._vio_due_s = 0.0
         self._vio_sent = 0
-        self._autopilot = AutopilotStandIn(
-            self.robot, udp_address("udp://" + links.air.split("://")[1]), spec.seed
-        )
         self._land = LandController(self.robot, self._clock, spec.seed, link_path=Path(links.ground))
         self._pose_slot = PoseSlotWriter(f"{tag}_pose", len(movers))
         self._camera_spec = CameraSpec(
@@ -141,6 +147,8 @@ class Simulator:
         self._see(now_s)
 
     def _see(self, now_s: float) -> None:
+        if isinstance(self._autopilot, Bridge) and self._autopilot.blind and not self.plant.state.on_wheels:
+            return  # a frozen pose would be worse than none
         if now_s >= self._vio_due_s:
             self._vio_due_s = max(self._vio_due_s + VIO_PERIOD_S, now_s)
             state = self.plant.state

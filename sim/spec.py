@@ -26,6 +26,8 @@ class SimSpec:
     worlds_dir: str | None = None
     robot: RobotConfig = field(default_factory=RobotConfig)
     die_with_parent: bool = True
+    autopilot: str | None = None  # URL of one that somebody else has started; our stand-in when left out
+    truth: str | None = None  # URL where its simulator publishes the truth; with its own messages otherwise
     movers: int = 0  # people and boxes that walk across the likely way
     disturbances: dict[str, Any] | None = None  # as `Disturbances.from_dict` reads it; the world's usual ones
 

@@ -13,12 +13,19 @@ from collections.abc import Callable
 from labr_autonomy.air import px4, telemetry
 from labr_autonomy.air.clock_offset import ClockOffset
 from labr_autonomy.air.commands import Commands, command_fields
+from labr_autonomy.air.families import PX4, Family
+from labr_autonomy.air.handshake import ANSWERS, Handshake
 from labr_autonomy.air.link import Link
 from labr_autonomy.air.mailbox import Mailbox
+from labr_autonomy.air.parameters import compare, refuse, wanted
 from labr_autonomy.air.recorder import Recorder
-from labr_autonomy.air.setpoints import Fields, setpoint_fields, vision_fields
+from labr_autonomy.air.report import Report
+from labr_autonomy.air.setpoints import Fields, origin_fields, setpoint_fields, vision_fields
+from labr_autonomy.air.signed_link import SignedLink
 from labr_autonomy.air.telemetry import AirState
-from labr_autonomy.air.vehicle import check_vehicle
+from labr_autonomy.air.time_sync import TimeSync
+from labr_autonomy.air.vehicle import Release, check_release, check_vehicle, release_of
+from labr_autonomy.air.watch import Watch, WatchAt
 from labr_autonomy.clock import Clock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import LinkError, Refused
@@ -27,33 +34,54 @@ from labr_autonomy.types import ImuSample, Odometry, SetPoint
 
 _log = logging.getLogger("labr.air")
 
+LIFT_S = 8.0  # ArduPilot spins up for 4 s before it leaves the floor (recorded)
 EFFECT_S = 2.0  # an acknowledged request must show in the state within this; heartbeats come at 1 Hz
 SETPOINT_FRESH_S = 0.5  # PX4 wants at least 2 Hz before and during offboard
-TEXT_S = 3.0  # a STATUSTEXT this young belongs to the refusal
-SLOTS = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "EXTENDED_SYS_STATE", "BATTERY_STATUS", "STATUSTEXT")
-WAKES = ("HEARTBEAT", "COMMAND_ACK", "HIGHRES_IMU", "TIMESYNC")
-WARNING = 4  # MAV_SEVERITY_WARNING
+REASON_S = 0.3  # the words of a refusal come just after its acknowledgement
+POLL_S = 0.02
+SLOTS = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "EXTENDED_SYS_STATE", "BATTERY_STATUS", "CURRENT_MODE")
+WAKES = ("HEARTBEAT", "HIGHRES_IMU", "RAW_IMU")
+QUEUES = ("COMMAND_ACK", "STATUSTEXT", "EVENT", "TIMESYNC")
 
 
 class AirChannel:
-    """MAVLink to PX4 on a multicopter.
+    """MAVLink to PX4 or ArduPilot on a multicopter.
 
     Args:
         url: MAVSDK connection URL, e.g. "udpin://127.0.0.1:14540" or "serial:///dev/ttyACM0:921600".
         config: The robot.
         clock: Stamps what arrives; `SetPoint` and `Odometry` stamps are on its scale.
         tlog: Both directions of the link are written here; it stays the caller's to close.
+        watch: A ground station that is shown the same; only together with `tlog`.
 
     Attributes:
         on_imu: Called on the loop with the newest inertial measurement.
+        on_say: Called on the loop with each sentence of the autopilot that an operator should read.
+        on_round_trip: Called on the loop with each round trip [s] that a `ping` began.
+        family: What answers, known after `connect`.
+        release: Its firmware, None when it does not say.
     """
 
-    def __init__(self, url: str, config: RobotConfig, clock: Clock, tlog: Tlog | None = None) -> None:
+    def __init__(
+        self,
+        url: str,
+        config: RobotConfig,
+        clock: Clock,
+        tlog: Tlog | None = None,
+        watch: WatchAt | None = None,
+    ) -> None:
         self.on_imu: Callable[[ImuSample], None] | None = None
+        self.on_say: Callable[[str], None] | None = None
+        self.on_round_trip: Callable[[float], None] | None = None
+        self._time_sync = TimeSync()
+        self.family: Family = PX4
+        self.release: Release | None = None
+        self._report = Report()
         self._url = url
         self._config = config
         self._clock = clock
         self._tlog = tlog
+        self._watch = watch
         self._start_s = clock.now_s()
         self._setpoint_sent_s: float | None = None
         self._offset = ClockOffset()
@@ -61,6 +89,7 @@ class AirChannel:
         self._link: Link | None = None
         self._mailbox: Mailbox | None = None
         self._recorder: Recorder | None = None
+        self._signed: SignedLink | None = None
         self._commands: Commands | None = None
 
     # -- opening and closing ------------------------------------------------------------------------
@@ -70,7 +99,8 @@ class AirChannel:
 
         Raises:
             BadInput: The URL cannot be read.
-            LinkError: Nobody answers within `timeout_s`, or not the vehicle this stack may fly.
+            WrongVehicle: Not a vehicle or firmware that this stack may fly.
+            LinkError: Nobody answers within `timeout_s`.
         """
         if self._link is not None:
             raise LinkError("the air channel is open already", "Close it first.")
@@ -83,9 +113,14 @@ class AirChannel:
     async def _open(self, deadline_s: float, timeout_s: float) -> None:
         self._link = Link()
         if self._tlog is not None:
-            self._recorder = Recorder(self._tlog, self._clock)
+            watch = None if self._watch is None else Watch(self._watch)
+            self._recorder = Recorder(self._tlog, self._clock, watch)
             self._link.add(self._recorder.url, forward=True)
-        self._link.add(self._url, forward=self._recorder is not None)
+        url = self._url
+        if self._config.links.air_key is not None:
+            self._signed = SignedLink(url, self._config.links.air_key)
+            url = self._signed.url
+        self._link.add(url, forward=self._recorder is not None)
         system = await self._link.first_autopilot(timeout_s)
         if system is None:
             raise LinkError(
@@ -94,15 +129,20 @@ class AirChannel:
             )
         number = int(system.get_system_id())
         self._commands = Commands(self._link.send, number)
-        self._mailbox = Mailbox(self._link.attach(system), self._clock, SLOTS, WAKES, self._wake)
-        await self._until(lambda: True, self._clock.now_s(), deadline_s, f"{self._url} sent no heartbeat")
-        check_vehicle(
-            number,
-            telemetry.heartbeat(self._mailbox.latest["HEARTBEAT"].fields),
-            self._url,
-            self._config.name,
+        self._mailbox = Mailbox(
+            self._link.attach(system), self._clock, (*SLOTS, *ANSWERS), WAKES, QUEUES, self._wake
         )
-        await self._ask_for_streams(self._commands)
+        await self._until(lambda: True, self._clock.now_s(), deadline_s, f"{self._url} sent no heartbeat")
+        beat = self._mailbox.latest["HEARTBEAT"].fields
+        self.family = check_vehicle(number, beat, self._url, self._config.name)
+        hello = Handshake(self._link.send, self._commands, self._mailbox, self._clock)
+        await hello.ask_for_streams(self.family.streams)
+        answer = await hello.ask_for_message("AUTOPILOT_VERSION", px4.MSG_AUTOPILOT_VERSION)
+        self.release = None if answer is None else release_of(answer)
+        if self.release is not None:
+            check_release(self.family, self.release, self._url)
+        if self.family.wants_origin:
+            await hello.set_origin()
 
     async def close(self) -> None:
         """End all subscriptions, sockets and threads of this channel; can be called again."""
@@ -114,7 +154,9 @@ class AirChannel:
             self._link.close()
         if self._recorder is not None:
             self._recorder.close()
-        self._link = self._mailbox = self._recorder = self._commands = None
+        if self._signed is not None:
+            self._signed.close()
+        self._link = self._mailbox = self._recorder = self._commands = self._signed = None
 
     # -- every tick ---------------------------------------------------------------------------------
 
@@ -138,6 +180,14 @@ class AirChannel:
         """
         self._opened().send("ODOMETRY", vision_fields(odometry))
 
+    def ping(self) -> None:
+        """Ask the autopilot for its clock (TIMESYNC); `on_round_trip` hears of the answer.
+
+        Raises:
+            LinkError: The link is not open or did not take it.
+        """
+        self._opened().send("TIMESYNC", self._time_sync.ask(self._clock.now_s()))
+
     @property
     def state(self) -> AirState:
         """What is known now; reading costs about 50 us.
@@ -148,6 +198,17 @@ class AirChannel:
         if self._mailbox is None:
             raise LinkError("the air link is not open", "Connect first.")
         return telemetry.air_state(self._mailbox.latest, self._mailbox.heard_s, self._clock.now_s())
+
+    @property
+    def description(self) -> str:
+        """What answers, and what it does when set-points stop."""
+        version = self.release.text if self.release is not None else "of unknown version"
+        return f"{self.family.name} {version}; when set-points stop it {self.family.on_silence}"
+
+    @property
+    def forged(self) -> int | None:
+        """Frames that came without a good signature; None on a link that is not signed."""
+        return None if self._signed is None else self._signed.signer.refused
 
     @property
     def reboots(self) -> int:
@@ -175,7 +236,7 @@ class AirChannel:
         await self._request("disarm", lambda s: not s.armed, px4.CMD_ARM_DISARM, 0.0)
 
     async def start_offboard(self) -> None:
-        """Hand the autopilot over to our set-points, which must be flowing already.
+        """Have the autopilot follow our set-points, which must be flowing already (ArduPilot: guided).
 
         Raises:
             Refused: No set-point left within the last 0.5 s, so the autopilot would fall out again.
@@ -186,9 +247,30 @@ class AirChannel:
         if age_s is None or age_s > SETPOINT_FRESH_S:
             when = "none was ever sent" if age_s is None else f"the last one left {age_s:.1f} s ago"
             raise Refused(f"offboard was not requested without set-points: {when}", "Stream them first.")
-        flags, main = float(px4.CUSTOM_MODE_FLAG), float(px4.MAIN_OFFBOARD)
+        mode = self.family.follow_mode
         await self._request(
-            "start offboard", lambda s: s.mode == "offboard", px4.CMD_DO_SET_MODE, flags, main
+            f"start {mode}", lambda s: s.mode == mode, px4.CMD_DO_SET_MODE, *self.family.follow_request
+        )
+
+    async def take_off(self, height_m: float) -> None:
+        """Lift off to `height_m` above the floor by the autopilot's own take-off, and see it leave the floor.
+
+        For autopilots that ignore set-points on the floor (ArduPilot). PX4 lifts off by set-points: its
+        NAV_TAKEOFF is accepted without a global position and ends in a landing.
+
+        Raises:
+            Refused: This autopilot lifts off by set-points.
+            LinkError: As for `arm`.
+        """
+        if not self.family.lifts_by_command:
+            raise Refused(f"{self.family.name} lifts off by set-points, not by command", "Stream them.")
+        height = (0.0,) * 6 + (height_m,)
+        await self._request(
+            "take off",
+            lambda s: s.landed in ("takeoff", "in_air"),
+            px4.CMD_NAV_TAKEOFF,
+            *height,
+            effect_s=LIFT_S,
         )
 
     async def land(self) -> None:
@@ -202,24 +284,74 @@ class AirChannel:
         """
         await self._request("land", lambda s: s.mode == "land" or not s.armed, px4.CMD_NAV_LAND)
 
+    async def read_parameter(self, name: str, whole: bool) -> float | None:
+        """One parameter; None when there is none of that name. Takes seconds for a name ArduPilot lacks.
+
+        Args:
+            name: As the autopilot calls it.
+            whole: It is an integer.
+
+        Raises:
+            LinkError: The link is not open.
+        """
+        return await asyncio.to_thread(self._opened().read_parameter, name, whole=whole)
+
+    async def write_parameter(self, name: str, value: float, whole: bool) -> None:
+        """Set one parameter and see it acknowledged.
+
+        Raises:
+            Refused: The rotors are armed.
+            LinkError: It was not taken.
+        """
+        if self.state.armed:
+            raise Refused(f"{name} was not written: the autopilot is armed", "Disarm it first.")
+        await asyncio.to_thread(self._opened().write_parameter, name, value, whole=whole)
+
+    async def check_parameters(self) -> None:
+        """Refuse an autopilot whose parameters do not fit this robot.
+
+        Raises:
+            Refused: Naming each with what it is and what it should be.
+            LinkError: They cannot be read.
+        """
+        table = [want for want in wanted(self.family, self._config.air) if want.must]
+        refuse(await compare(table, self.read_parameter))
+
+    def yield_control(self) -> None:
+        """Somebody else flies: what was asked for is not asked for again."""
+        if self._commands is not None:
+            self._commands.overtake("yield")
+
     async def _request(
-        self, name: str, reached: Callable[[AirState], bool], command: int, *params: float
+        self,
+        name: str,
+        reached: Callable[[AirState], bool],
+        command: int,
+        *params: float,
+        effect_s: float = EFFECT_S,
     ) -> None:
         if self._commands is None:
             raise LinkError(f"the request to {name} was not sent: the air link is not open", "Connect first.")
         asked_s = self._clock.now_s()
         result = await self._commands.run(name, command, *params)
         if result != px4.ACCEPTED:
-            said = self._last_text(asked_s)
+            said = await self._reason(asked_s)
             reason = f'; it says "{said}"' if said else ""
             raise LinkError(f"the autopilot refused to {name}: {px4.result_name(result)}{reason}")
-        limit_s = self._clock.now_s() + EFFECT_S
+        limit_s = self._clock.now_s() + effect_s
         await self._until(
             lambda: reached(self.state),
             asked_s,
             limit_s,
-            f"the autopilot accepted the request to {name}, but {EFFECT_S:.0f} s later there is no effect",
+            f"the autopilot accepted the request to {name}, but {effect_s:.0f} s later there is no effect",
         )
+
+    async def _reason(self, asked_s: float) -> str:
+        """What the autopilot says of a refusal; its words come after the acknowledgement."""
+        deadline_s = self._clock.now_s() + REASON_S
+        while not (said := self._report.reason(asked_s)) and self._clock.now_s() < deadline_s:
+            await self._clock.sleep_until(self._clock.now_s() + POLL_S)
+        return said
 
     # -- inside -------------------------------------------------------------------------------------
 
@@ -245,45 +377,31 @@ class AirChannel:
                 mode = f" (mode {self.state.mode})" if beat is not None else ""
                 raise LinkError(f"{else_say}{mode}", "Check the autopilot and its link.") from None
 
-    async def _ask_for_streams(self, commands: Commands) -> None:
-        answered = 0
-        for name, (number, rate_hz) in px4.STREAMS.items():
-            try:
-                result = await commands.run(
-                    f"send {name}", px4.CMD_SET_MESSAGE_INTERVAL, float(number), 1e6 / rate_hz
-                )
-            except LinkError as error:
-                _log.warning("%s", error)
-                if answered == 0:
-                    raise
-                continue
-            answered += 1
-            if result != px4.ACCEPTED:
-                _log.warning("the autopilot refused to send %s: %s", name, px4.result_name(result))
-
-    def _last_text(self, since_s: float) -> str:
-        text = self._mailbox.latest.get("STATUSTEXT") if self._mailbox else None
-        if text is None or text.arrival_s < since_s - TEXT_S or int(text.fields["severity"]) > WARNING:
-            return ""
-        return str(text.fields["text"])
-
     def _wake(self, arrived: set[str]) -> None:
         """On the loop: act on the kinds of messages that arrived."""
         mailbox = self._mailbox
         if mailbox is None:
             return
-        if "TIMESYNC" in arrived:
-            self._answer_timesync(mailbox.latest["TIMESYNC"])
-        if "HIGHRES_IMU" in arrived:
-            self._take_imu(mailbox.latest["HIGHRES_IMU"])
-        while mailbox.acks:
-            ack = mailbox.acks.popleft().fields
+        while mailbox.queues["TIMESYNC"]:
+            self._take_timesync(mailbox.queues["TIMESYNC"].popleft())
+        if self.family.imu in arrived:
+            self._take_imu(mailbox.latest[self.family.imu])
+        for name in ("STATUSTEXT", "EVENT"):
+            while mailbox.queues[name]:
+                self._take_words(name, mailbox.queues[name].popleft())
+        while mailbox.queues["COMMAND_ACK"]:
+            ack = mailbox.queues["COMMAND_ACK"].popleft().fields
             if self._recorder is not None:
                 self._recorder.write_ack(ack)
             if self._commands is not None:
                 self._commands.take_ack(ack)
         if "HEARTBEAT" in arrived:
             self._beat.set()
+
+    def _take_words(self, name: str, message: telemetry.Message) -> None:
+        sentence = self._report.take(name, message)
+        if sentence and self.on_say is not None:
+            self.on_say(sentence)
 
     def _take_imu(self, message: telemetry.Message) -> None:
         resets = self._offset.resets
@@ -292,30 +410,29 @@ class AirChannel:
             self._ask_again()
         if stamp_s is None or self.on_imu is None:
             return
-        sample = telemetry.imu_sample(message.fields, stamp_s)
+        sample = telemetry.imu_sample(message.fields, stamp_s, self.family.imu)
         if sample is not None:
             self.on_imu(sample)
 
-    def _answer_timesync(self, message: telemetry.Message) -> None:
-        """Tell the autopilot our monotonic clock, by which it then reads the stamps of `send_vision`.
-
-        MAVSDK could answer too, but with the wall clock, which may jump in flight.
-        """
-        if message.fields["tc1"] != 0:
-            return  # an answer, not a question
-        middle_s = 0.5 * (
-            message.arrival_s + self._clock.now_s()
-        )  # the hand-over must not look like an offset
-        self._try_send("TIMESYNC", {"tc1": int(middle_s * 1e9), "ts1": message.fields["ts1"]})
+    def _take_timesync(self, message: telemetry.Message) -> None:
+        answer = self._time_sync.answer(message, self._clock.now_s())
+        if answer is not None:
+            self._try_send("TIMESYNC", answer)
+        round_trip_s = self._time_sync.round_trip_s(message)
+        if round_trip_s is not None and self.on_round_trip is not None:
+            self.on_round_trip(round_trip_s)
 
     def _ask_again(self) -> None:
         """The autopilot has rebooted and sends its default rates."""
         _log.warning("the autopilot's clock started anew: it has rebooted")
-        for number, rate_hz in px4.STREAMS.values():
+        for number, rate_hz in self.family.streams.values():
             params = (float(number), 1e6 / rate_hz)
             self._try_send(
                 "COMMAND_LONG", command_fields(px4.CMD_SET_MESSAGE_INTERVAL, params, 0, px4.VEHICLE_SYSTEM)
             )
+
+        if self.family.wants_origin:
+            self._try_send("SET_GPS_GLOBAL_ORIGIN", origin_fields(px4.VEHICLE_SYSTEM))
 
     def _try_send(self, name: str, fields: Fields) -> None:
         """Send what may be lost."""

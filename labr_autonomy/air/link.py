@@ -12,6 +12,7 @@ from mavsdk.connection_result import ConnectionResult
 from mavsdk.enums import ForwardingOption
 from mavsdk.logging import LogLevel, log_subscribe
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
+from mavsdk.plugins.param import Param, ParamError, ParamResult
 
 from labr_autonomy.air.setpoints import Fields
 from labr_autonomy.errors import BadInput, LinkError
@@ -23,6 +24,8 @@ _LEVELS = {
     LogLevel.WARN: logging.INFO,
     LogLevel.ERROR: logging.WARNING,
 }
+# PX4 says that it has no such parameter; ArduPilot says nothing
+ABSENT = (ParamResult.TIMEOUT, ParamResult.DOES_NOT_EXIST)
 
 
 def _log_quietly(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:
@@ -37,6 +40,7 @@ class Link:
         log_subscribe(_log_quietly)
         self._sdk = Mavsdk(Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER))
         self._direct: MavlinkDirect | None = None
+        self._param: Param | None = None
 
     def add(self, url: str, *, forward: bool) -> None:
         """Open a connection.
@@ -78,7 +82,49 @@ class Link:
     def attach(self, system: Any) -> MavlinkDirect:
         """Talk to `system` from now on."""
         self._direct = MavlinkDirect(system)
+        self._param = Param(system)
         return self._direct
+
+    def read_parameter(self, name: str, *, whole: bool) -> float | None:
+        """One parameter of the autopilot; blocks. None when there is none of that name, or no answer.
+
+        MAVSDK knows how each family writes integers: PX4 bytewise, ArduPilot as a float.
+
+        Raises:
+            LinkError: The link is not open, or the parameter is of the other kind.
+        """
+        try:
+            return float(
+                self._params().get_param_int(name) if whole else self._params().get_param_float(name)
+            )
+        except ParamError as error:
+            if error.result in ABSENT:
+                return None
+            raise self._parameter_fault(f"{name} could not be read", error) from error
+
+    def write_parameter(self, name: str, value: float, *, whole: bool) -> None:
+        """Set one parameter; blocks.
+
+        Raises:
+            LinkError: It was not taken.
+        """
+        try:
+            if whole:
+                self._params().set_param_int(name, int(value))
+            else:
+                self._params().set_param_float(name, value)
+        except ParamError as error:
+            raise self._parameter_fault(f"{name} could not be set to {value:g}", error) from error
+
+    def _params(self) -> Param:
+        if self._param is None:
+            raise LinkError("the air link is not open", "Connect first.")
+        return self._param
+
+    @staticmethod
+    def _parameter_fault(what: str, error: ParamError) -> LinkError:
+        reason = error.result.name.lower().replace("_", " ")
+        return LinkError(f"the autopilot's parameter {what}: {reason}", "Check the telemetry link.")
 
     def send(self, name: str, fields: Fields) -> None:
         """Send one message once; nothing repeats it.
@@ -97,5 +143,5 @@ class Link:
 
     def close(self) -> None:
         """End the connections and MAVSDK's threads."""
-        self._direct = None
+        self._direct = self._param = None
         self._sdk.destroy()

@@ -2,7 +2,7 @@
 
 Each kind of message has one slot; a slow loop finds the newest message and no queue behind it. Kinds that
 the loop must act upon wake it, once, however many arrive meanwhile. Acknowledgements are few and each
-counts: they wait in a short queue of their own.
+counts, as does each word that the autopilot says: they wait in short queues of their own.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from labr_autonomy.air.px4 import AUTOPILOT_COMPONENT
 from labr_autonomy.air.telemetry import Message
 from labr_autonomy.clock import Clock
 
-ACKS_MAX = 16
+QUEUE_MAX = 64  # PX4 tells of eight events at once
 
 
 class Mailbox:
@@ -31,6 +31,7 @@ class Mailbox:
         clock: Stamps arrivals, in the callback thread.
         slots: Kinds that are only kept.
         wakes: Kinds that also wake `on_wake`.
+        queues: Kinds of which each message counts; they wake as well.
         on_wake: Called on the loop with the kinds that arrived since the last call.
     """
 
@@ -40,14 +41,15 @@ class Mailbox:
         clock: Clock,
         slots: Iterable[str],
         wakes: Iterable[str],
+        queues: Iterable[str],
         on_wake: Callable[[set[str]], None],
     ) -> None:
         self.latest: dict[str, Message] = {}
-        self.acks: deque[Message] = deque(maxlen=ACKS_MAX)
+        self.queues: dict[str, deque[Message]] = {name: deque(maxlen=QUEUE_MAX) for name in queues}
         self.heard_s = clock.now_s()
         self.refused = 0  # messages that could not be read
         self._clock = clock
-        self._wakes = frozenset(wakes)
+        self._wakes = frozenset(wakes) | self.queues.keys()
         self._on_wake = on_wake
         self._arrived: set[str] = set()
         self._woken = False
@@ -79,8 +81,8 @@ class Mailbox:
         self.latest[name] = kept
         if name not in self._wakes:
             return
-        if name == "COMMAND_ACK":
-            self.acks.append(kept)
+        if name in self.queues:
+            self.queues[name].append(kept)
         with self._lock:
             self._arrived.add(name)
             wake, self._woken = not self._woken, True

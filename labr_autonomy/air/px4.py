@@ -27,9 +27,11 @@ CUSTOM_MODE_FLAG: Final = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 CRITICAL: Final = frozenset({5, 6})  # MAV_STATE_CRITICAL, MAV_STATE_EMERGENCY
 
 CMD_NAV_LAND: Final = 21
+CMD_NAV_TAKEOFF: Final = 22
 CMD_DO_SET_MODE: Final = 176
 CMD_ARM_DISARM: Final = 400
 CMD_SET_MESSAGE_INTERVAL: Final = 511
+CMD_REQUEST_MESSAGE: Final = 512
 
 MAIN_OFFBOARD: Final = 6
 _MAIN: Final = {  # PX4_CUSTOM_MAIN_MODE
@@ -68,8 +70,13 @@ _RESULTS: Final = {  # MAV_RESULT
     9: "wrong frame",
 }
 
+MSG_GPS_GLOBAL_ORIGIN: Final = 49
+MSG_AUTOPILOT_VERSION: Final = 148
+CAPABILITY_LOCAL_SETPOINTS: Final = 128  # MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+
 # message id, rate [Hz]: what the executive reads and how often
 STREAMS: Final = {
+    "CURRENT_MODE": (436, 20.0),  # heartbeats come at 1 Hz, and a takeover must show within 100 ms
     "HIGHRES_IMU": (105, 50.0),
     "LOCAL_POSITION_NED": (32, 50.0),
     "ATTITUDE_QUATERNION": (31, 50.0),

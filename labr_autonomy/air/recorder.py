@@ -21,6 +21,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from labr_autonomy.air.px4 import AUTOPILOT_COMPONENT, VEHICLE_SYSTEM
 from labr_autonomy.air.telemetry import Received
+from labr_autonomy.air.watch import Watch
 from labr_autonomy.clock import Clock, utc_s
 from labr_autonomy.record.tlog import Tlog
 
@@ -35,11 +36,13 @@ TIMESPEC = struct.Struct("@ll")
 
 
 class Recorder:
-    """A local UDP socket and the thread that writes what it is sent."""
+    """A local UDP socket and the thread that writes what it is sent, and shows it to a watcher."""
 
-    def __init__(self, tlog: Tlog, clock: Clock) -> None:
+    def __init__(self, tlog: Tlog, clock: Clock, watch: Watch | None = None) -> None:
         self._tlog = tlog
         self._clock = clock
+        self._watch = watch
+        self._mavsdk: tuple[str, int] | None = None  # where MAVSDK forwards from
         self._announced_s = -ANNOUNCE_S
         self._own = mavlink.MAVLink(None, VEHICLE_SYSTEM, LOGGER_COMPONENT)
         self._autopilot = mavlink.MAVLink(None, VEHICLE_SYSTEM, AUTOPILOT_COMPONENT)
@@ -70,6 +73,8 @@ class Recorder:
         self._closing.set()
         self._thread.join()
         self._socket.close()
+        if self._watch is not None:
+            self._watch.close()
 
     def _run(self) -> None:
         while not self._closing.wait(DRAIN_S):
@@ -81,6 +86,12 @@ class Recorder:
         batch = self._receive()
         while self._waiting:
             batch.append(self._waiting.popleft())
+        if self._watch is not None:
+            for _, data in sorted(batch):
+                self._watch.show(data)
+            for data in self._watch.heard():
+                self._inject(data)
+                batch.append((utc_s(), data))
         for stamp_utc_s, data in sorted(batch):
             self._tlog.write(stamp_utc_s, data)
 
@@ -94,8 +105,15 @@ class Recorder:
             except BlockingIOError:
                 break
             batch.append((_received_s(control), data))
+            self._mavsdk = address
             self._announce(address)
         return batch
+
+    def _inject(self, data: bytes) -> None:
+        """Hand a watcher's words to MAVSDK, which forwards them to the autopilot."""
+        if self._mavsdk is not None:
+            with contextlib.suppress(OSError):
+                self._socket.sendto(data, self._mavsdk)
 
     def _announce(self, address: tuple[str, int]) -> None:
         now_s = self._clock.now_s()

@@ -33,6 +33,8 @@ LOCAL_FRD = 20  # MAV_FRAME_LOCAL_FRD
 ESTIMATOR_VIO = 3  # MAV_ESTIMATOR_TYPE_VIO
 # POSITION_TARGET_TYPEMASK: no bit set = position, velocity, acceleration, yaw and yaw rate all count
 USE_ALL = 0
+ORIGIN_DEGE7 = (473_977_420, 85_455_940)  # latitude, longitude of ArduPilot's recorded flight
+ORIGIN_MM = 489_400  # above mean sea level
 
 _ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _FLU_FRD = np.diag([1.0, -1.0, -1.0])
@@ -76,6 +78,20 @@ def setpoint_fields(setpoint: SetPoint, start_s: float, system: int, component: 
         "afz": acceleration[2],
         "yaw": yaw_enu_ned(setpoint.yaw_rad),
         "yaw_rate": -setpoint.yaw_rate_rps,
+    }
+
+
+def origin_fields(system: int) -> Fields:
+    """Fields of SET_GPS_GLOBAL_ORIGIN (48): ArduPilot's EKF wants one, and without GPS any place will do.
+
+    Never for PX4: with vision its local position jumped by 5227 km.
+    """
+    return {
+        "target_system": system,
+        "latitude": ORIGIN_DEGE7[0],
+        "longitude": ORIGIN_DEGE7[1],
+        "altitude": ORIGIN_MM,
+        "time_usec": 0,
     }
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from labr_autonomy.air import px4
+from labr_autonomy.air.families import FAMILIES, PX4
 from labr_autonomy.frames import enu_ned, flu_frd, quaternion_ned_frd_to_enu_flu
 from labr_autonomy.types import Array, ImuSample
 
@@ -23,6 +24,7 @@ LINK_SILENT_S = (
 )
 HEARTBEAT_LOST_S = 3.0  # MAVLink and MAVSDK: a system is gone after three missed heartbeats
 UNUSED_CELL = 65535  # BATTERY_STATUS.voltages: no such cell
+GRAVITY_MPS2 = 9.80665
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +54,15 @@ class AirState:
     failsafe: bool  # it calls its own state critical or worse
     battery_used_j: float | None = None
     fault: str | None = None  # a sentence, when it is lost or in failsafe
+    intended: str = ""  # the mode it was asked for, "" where the autopilot does not tell
+    lifts_by_command: bool = False  # on the floor it ignores set-points and wants a take-off command
+    resumes: bool = True  # it comes back by itself after lost set-points
 
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
     """HEARTBEAT of the autopilot."""
 
-    vehicle: int  # MAV_TYPE
     autopilot: int  # MAV_AUTOPILOT
     armed: bool
     mode: str
@@ -67,11 +71,11 @@ class Heartbeat:
 
 def heartbeat(fields: Received) -> Heartbeat:
     """HEARTBEAT (0)."""
+    family = FAMILIES.get(int(fields["autopilot"]), PX4)
     return Heartbeat(
-        vehicle=int(fields["type"]),
         autopilot=int(fields["autopilot"]),
         armed=bool(int(fields["base_mode"]) & px4.ARMED_FLAG),
-        mode=px4.mode_name(int(fields["custom_mode"])),
+        mode=family.mode_name(int(fields["custom_mode"])),
         critical=int(fields["system_status"]) in px4.CRITICAL,
     )
 
@@ -102,12 +106,14 @@ def attitude_odom(fields: Received) -> Array | None:
     return None if q is None else quaternion_ned_frd_to_enu_flu(q)
 
 
-def imu_sample(fields: Received, stamp_s: float) -> ImuSample | None:
-    """HIGHRES_IMU (105) -> body FLU, stamped `stamp_s` on our clock."""
+def imu_sample(fields: Received, stamp_s: float, name: str = "HIGHRES_IMU") -> ImuSample | None:
+    """HIGHRES_IMU (105), or RAW_IMU (27) in ArduPilot's mG and mrad/s -> body FLU, stamped `stamp_s`."""
     force = vector(fields, "xacc", "yacc", "zacc")
     rates = vector(fields, "xgyro", "ygyro", "zgyro")
     if force is None or rates is None:
         return None
+    if name == "RAW_IMU":
+        force, rates = force * (1e-3 * GRAVITY_MPS2), rates * 1e-3
     turned = flu_frd(np.array([force, rates]))
     return ImuSample(stamp_s, turned[0], turned[1])
 
@@ -128,6 +134,18 @@ def battery(fields: Received) -> tuple[float | None, float | None, float | None,
     )
 
 
+def mode_and_intention(latest: Mapping[str, Message]) -> tuple[str, str]:
+    """The mode that runs, by the newer of HEARTBEAT and CURRENT_MODE, and the one asked for ("" = untold)."""
+    beat, current = latest["HEARTBEAT"], latest.get("CURRENT_MODE")
+    if current is None:
+        return heartbeat(beat.fields).mode, ""
+    family = FAMILIES.get(int(beat.fields["autopilot"]), PX4)
+    newest = beat if beat.arrival_s > current.arrival_s else current
+    mode = family.mode_name(int(newest.fields["custom_mode"]))
+    asked = int(current.fields["intended_custom_mode"])  # 0 = the autopilot does not tell
+    return mode, family.mode_name(asked) if asked else ""
+
+
 def air_state(latest: Mapping[str, Message], heard_s: float, now_s: float) -> AirState:
     """The state at `now_s` from the latest message of each kind.
 
@@ -146,6 +164,8 @@ def air_state(latest: Mapping[str, Message], heard_s: float, now_s: float) -> Ai
         return message.fields if message and now_s - message.arrival_s < STALE_S else {}
 
     local, turned = fresh("LOCAL_POSITION_NED"), fresh("ATTITUDE_QUATERNION")
+    mode, intended = mode_and_intention(latest)
+    family = FAMILIES.get(word.autopilot, PX4)
     pack = latest.get("BATTERY_STATUS")
     volts, remaining, amps, joules = battery(pack.fields) if pack else (None, None, None, None)
     system = latest.get("EXTENDED_SYS_STATE")
@@ -155,12 +175,12 @@ def air_state(latest: Mapping[str, Message], heard_s: float, now_s: float) -> Ai
         silent_s = now_s - heard_s
         fault = f"the autopilot is silent for {silent_s:.1f} s and sent no heartbeat for {age_s:.1f} s"
     elif word.critical:
-        fault = f"the autopilot reports a failsafe in mode {word.mode}"
+        fault = f"the autopilot reports a failsafe in mode {mode}"
     return AirState(
         stamp_s=heard_s,
         connected=connected,
         armed=word.armed,
-        mode=word.mode if connected else "unknown",
+        mode=mode if connected else "unknown",
         landed=landed,
         position_m=position_odom(local),
         velocity_mps=velocity_odom(local),
@@ -172,4 +192,7 @@ def air_state(latest: Mapping[str, Message], heard_s: float, now_s: float) -> Ai
         failsafe=word.critical,
         battery_used_j=joules,
         fault=fault,
+        intended=intended if connected else "",
+        lifts_by_command=family.lifts_by_command,
+        resumes=family.resumes,
     )

@@ -14,6 +14,7 @@ from labr_autonomy.commands.ablation import table1
 from labr_autonomy.commands.checks import camera, crosscheck
 from labr_autonomy.commands.console_bench import console
 from labr_autonomy.commands.networks import table2
+from labr_autonomy.commands.refiner import refiner
 from labr_autonomy.commands.transitions import transitions
 from labr_autonomy.errors import BadInput
 
@@ -186,6 +187,7 @@ bench.add_command(console)
 bench.add_command(table1)
 bench.add_command(table2)
 bench.add_command(transitions)
+bench.add_command(refiner)
 
 
 def find_places(

@@ -34,7 +34,7 @@ class Health:
     plan_age_s: float
     vio_rejected: int  # VIO samples refused in a row by the filter
     estop: bool  # the land controller's latch
-    taken_over: str  # mode the autopilot went to by itself, "" while it follows
+    taken_over: str  # why the autopilot no longer follows us, "" while it does
     battery_left: float  # 0..1
     battery_reserve: float  # 0..1
 
@@ -127,7 +127,7 @@ TABLE: tuple[Row, ...] = (
         lambda h: bool(h.taken_over),
         Reaction.NONE,
         Reaction.YIELD,
-        lambda h: f"the autopilot went to {h.taken_over} by itself",
+        lambda h: h.taken_over,
     ),
 )
 

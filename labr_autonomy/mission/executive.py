@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from labr_autonomy.air.channel import AirChannel
+from labr_autonomy.air.watch import WatchAt
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.console.live import LiveLine
@@ -34,7 +35,7 @@ from labr_autonomy.mission.pilot import Pilot
 from labr_autonomy.mission.portrait import facts_of
 from labr_autonomy.mission.recorded import RecordedPilot
 from labr_autonomy.mission.schema import Mission
-from labr_autonomy.mission.simulator import SimulatorProcess
+from labr_autonomy.mission.simulator import External, SimulatorProcess
 from labr_autonomy.mission.steps import Status
 from labr_autonomy.processes import keep_cores, on_time
 from labr_autonomy.record.mcap_log import FlightLog
@@ -56,6 +57,15 @@ EXIT_CODES: dict[Outcome, ExitCode] = {
 
 
 @dataclass(frozen=True, slots=True)
+class Simulated:
+    """What a simulated flight is drawn from."""
+
+    seed: int
+    worlds_dir: Path | None
+    external: External | None
+
+
+@dataclass(frozen=True, slots=True)
 class Ended:
     """How a flight ended."""
 
@@ -73,6 +83,9 @@ def fly(
     json_output: bool,
     quiet: bool,
     console: ConsoleOptions | None = None,
+    external: External | None = None,
+    relocate: Callable[[Mission], Mission] | None = None,
+    watch: WatchAt | None = None,
 ) -> int:
     """Carry out a mission and leave a run folder.
 
@@ -85,11 +98,16 @@ def fly(
         json_output: Print summary.json to standard output at the end.
         quiet: No live line.
         console: Where the operator's page is served; with it the mission waits for start.
+        external: An autopilot that somebody else has started, flown in our simulated world.
+        relocate: Puts the mission into another world.
+        watch: A ground station that is shown the air link.
 
     Returns:
         Exit code (`labr_autonomy.errors.ExitCode`).
     """
     mission = load_mission(mission_path)
+    if relocate is not None:
+        mission = relocate(mission)
     robot = load_robot(robot_path) if robot_path is not None else RobotConfig()
     run_dir = make_run_folder(mission.name, out_dir)
     shutil.copyfile(mission_path, run_dir / "mission.yaml")
@@ -99,6 +117,7 @@ def fly(
         line.say(f"run folder {run_dir}")
         try:
             refuse(check_mission(mission, robot))
+            waits = console is not None
             if console is not None:
                 served = around.enter_context(
                     ConsoleProcess(console, pid=os.getpid(), log_path=run_dir / "console.log")
@@ -106,11 +125,10 @@ def fly(
                 for sentence in served.sentences:
                     line.say(sentence, always=True)
             if robot_path is not None:
-                summary = asyncio.run(_flight(mission, robot, run_dir, None, line, console is not None))
+                summary = asyncio.run(_flight(mission, robot, run_dir, None, line, watch, waits))
             else:
-                summary = _simulated(
-                    mission, robot, run_dir, used_seed or 0, worlds_dir, line, console is not None
-                )
+                simulated = Simulated(used_seed or 0, worlds_dir, external)
+                summary = _simulated(mission, robot, run_dir, simulated, line, watch, waits)
         except LabrError as error:  # nothing has moved
             _leave(summarise.unmoved(mission.name, "refused", error.what, used_seed), run_dir, line)
             raise
@@ -143,16 +161,19 @@ def _simulated(
     mission: Mission,
     robot: RobotConfig,
     run_dir: Path,
-    seed: int,
-    worlds_dir: Path | None,
+    simulated: Simulated,
     line: LiveLine,
+    watch: WatchAt | None,
     waits: bool,
 ) -> Summary:
     """Fly in a simulator of its own, judged by its referee."""
-    line.say("simulator: building the world and starting the camera")
-    with SimulatorProcess(mission, robot, seed, worlds_dir, run_dir) as simulator:
+    seed, external = simulated.seed, simulated.external
+    also = "" if external is None else f", waiting for the autopilot on {external.url}"
+    line.say(f"simulator: building the world and starting the camera{also}")
+    with SimulatorProcess(mission, robot, seed, simulated.worlds_dir, run_dir, external) as simulator:
         refuse(check_mission(mission, robot, clearance_at=simulator.clearance_at))
-        flown = asyncio.run(_flight(mission, load_robot(simulator.robot_path), run_dir, seed, line, waits))
+        flown_robot = load_robot(simulator.robot_path)
+        flown = asyncio.run(_flight(mission, flown_robot, run_dir, seed, line, watch, waits))
     return summarise.with_truth(flown, run_dir)
 
 
@@ -167,12 +188,18 @@ def _first_reason(group: BaseExceptionGroup[BaseException]) -> str:
 
 
 async def _flight(
-    mission: Mission, robot: RobotConfig, run_dir: Path, seed: int | None, line: LiveLine, waits: bool
+    mission: Mission,
+    robot: RobotConfig,
+    run_dir: Path,
+    seed: int | None,
+    line: LiveLine,
+    watch: WatchAt | None,
+    waits: bool,
 ) -> Summary:
     clock = SystemClock()
     robot = _limited(robot, mission)
     air_log, ground_log = Tlog(run_dir / "air.tlog"), Tlog(run_dir / "ground.tlog")
-    air = AirChannel(robot.links.air, robot, clock, air_log)
+    air = AirChannel(robot.links.air, robot, clock, air_log, watch)
     ground = GroundChannel(robot.links.ground, robot.links.ground_baud, robot, clock, ground_log)
     with contextlib.ExitStack() as files:
         files.callback(air_log.close)

@@ -126,6 +126,8 @@ class Flight:
         self._air.on_imu = self._take_imu
         say(f"autopilot on {self._config.links.air}")
         await self._air.connect(15.0)
+        say(f"autopilot: {self._air.description}")
+        await self._air.check_parameters()
         say("planner: loading network, map and refiner (the first start compiles and takes a minute)")
         ready = await self._planner.wait_ready()
         self.planner_versions = ready.versions
@@ -176,6 +178,7 @@ class Flight:
         gc.freeze()  # a full collection over the loaded modules would stall the set-points by 150 ms
         await self._first_pose()  # what arrived meanwhile
         self.record.started_s = self._clock.now_s()
+        self._air.on_say = lambda words: self._say(f"autopilot: {words}")
         try:
             async with asyncio.TaskGroup() as tasks:
                 running = [
@@ -234,6 +237,7 @@ class Flight:
             self._filter,
             self._ground.state,
             self._air.state,
+            restarts=self._air.reboots,
             depth_stamp_s=None if header is None else header[1],
             plan_age_s=now_s - max(self._result_s, self.record.started_s),
             order=self.desk.order,
@@ -247,6 +251,8 @@ class Flight:
             self._ground.send_velocity(0.0, 0.0, engaged=False, air_lock=lock)
         if actions.air is not None:
             self._air_says(partial(self._air.send_setpoint, actions.air))
+        if actions.reaction is Reaction.YIELD:
+            self._air.yield_control()
         if actions.command is not None:
             if self._commands.full():  # the newest command counts
                 self._commands.get_nowait()
@@ -288,6 +294,7 @@ class Flight:
         requests = {
             Command.OFFBOARD: self._air.start_offboard,
             Command.ARM: self._air.arm,
+            Command.TAKE_OFF: lambda: self._air.take_off(self._pilot.take_off_m),
             Command.LAND: self._air.land,
             Command.DISARM: self._air.disarm,
         }
@@ -424,7 +431,7 @@ class Flight:
             "vio": self._filter.ages(now_s)["vio"],
             "depth": math.inf if header is None else now_s - header[1],
             "plan": now_s - self._result_s,
-            "px4": now_s - self._air.state.stamp_s,
+            "air": now_s - self._air.state.stamp_s,
             "stm32": self._ground.state.age_s,
         }
 

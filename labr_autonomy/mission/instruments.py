@@ -19,6 +19,7 @@ def look(
     ground: GroundState,
     air: AirState,
     *,
+    restarts: int = 0,
     depth_stamp_s: float | None,
     plan_age_s: float,
     order: Order,
@@ -32,6 +33,7 @@ def look(
         poses: The estimate.
         ground: The land controller's word.
         air: The autopilot's word.
+        restarts: How often the autopilot has restarted.
         depth_stamp_s: Exposure of the newest depth image, None before the first.
         plan_age_s: Time since the newest plan from a fresh image.
         order: What the operator asked for.
@@ -46,7 +48,9 @@ def look(
         plan_age_s=plan_age_s if pilot.planning_mode is not None else 0.0,
         vio_rejected=poses.vio_rejected_in_a_row,
         estop=ground.mode == "estop",
-        taken_over=pilot.taken_over(air.mode, now_s),
+        taken_over=pilot.taken_over(
+            air.mode, air.intended, air.failsafe, restarts, now_s, resumes=air.resumes
+        ),
         battery_left=1.0 if air.battery_remaining is None else air.battery_remaining,
         battery_reserve=config.energy.reserve,
     )
@@ -60,4 +64,5 @@ def look(
         landed=air.landed == "on_ground",
         health=health,
         order=order,
+        lifts_by_command=air.lifts_by_command,
     )

@@ -38,6 +38,9 @@ def load_robot(path: Path) -> RobotConfig:
         BadInput: when it cannot be read, or the network that it names cannot.
     """
     robot = validated(read_source(path), RobotConfig)
+    if robot.links.air_key is not None:
+        key = (path.parent / robot.links.air_key).resolve()
+        robot = robot.model_copy(update={"links": robot.links.model_copy(update={"air_key": key})})
     network = robot.network
     check_runtime(network.runtime)
     if network.weights is None:

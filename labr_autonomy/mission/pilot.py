@@ -16,10 +16,11 @@ import numpy as np
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import yaw_of
 from labr_autonomy.ground.tracking import LOST_M, follow
-from labr_autonomy.guard import failsafe
+from labr_autonomy.guard import failsafe, takeover
 from labr_autonomy.guard.failsafe import Reaction
 from labr_autonomy.guard.fence import Zone
 from labr_autonomy.guard.setpoint import check_setpoint
+from labr_autonomy.guard.takeover import FOLLOWING
 from labr_autonomy.mission import steps
 from labr_autonomy.mission.course import Course
 from labr_autonomy.mission.steps import Kind, Policy, Status, Step
@@ -40,7 +41,7 @@ SAY_AGAIN_S = 5.0  # the guard's word on the same matter
 LATE_PLAN_S = 0.3  # a plan whose beginning is longer ago than this is not followed
 FLOOR_GAIN = 0.2  # a tick; slower ones lag by decimetres on a ramp, quicker ones take jolts for floor
 TAKE_OFFS_MAX = 3  # refused that often, the mission has failed
-TAKEOVER_S = 1.5  # the autopilot's mode arrives with its 1 Hz heartbeat
+ROTORS_OURS = frozenset({Phase.LIFTING, Phase.FLYING, Phase.DESCENDING})  # entered following, as reported
 
 
 class Order(enum.IntEnum):
@@ -60,10 +61,11 @@ class Look:
     wheel_yaw_rate_rps: float
     wheel_load: bool
     armed: bool
-    autopilot_mode: str  # "offboard", "land", ...
+    autopilot_mode: str  # "offboard", "guided", "land", ...
     landed: bool
     health: failsafe.Health
     order: Order = Order.FLY
+    lifts_by_command: bool = False  # the autopilot ignores set-points on the floor
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +125,9 @@ class Pilot:
         self._started_s: float | None = None
         self._now_s = self._before_s = 0.0
         self._commanded_land = False
-        self._off_mode_since_s: float | None = None
+        self._takeover = takeover.State()
+        self._restarts_seen = 0  # of the autopilot, while it stood
+        self.take_off_m = 0.0  # height above the floor that a take-off by command climbs to
         self._guard_said_s: dict[str, float] = {}
         self._staying = False  # a place in the air is held, whatever the planner says
         self._passed: SetPoint | None = None  # the last air set-point that the guard let pass
@@ -144,16 +148,34 @@ class Pilot:
         """Mode to plan for now; None while the transition flies by itself."""
         return {Phase.DRIVING: Mode.LAND, Phase.FLYING: Mode.AIR}.get(self.transition.phase)
 
-    def taken_over(self, look_mode: str, now_s: float) -> str:
-        """Name of the mode the autopilot went to by itself, "" while it follows."""
-        flying = self.transition.phase in (Phase.LIFTING, Phase.FLYING, Phase.DESCENDING)
-        ours = look_mode in ("offboard", "unknown") or (self._commanded_land and look_mode == "land")
-        if not flying or ours:  # "unknown" is a silent link, not somebody else
-            self._off_mode_since_s = None
-            return ""
-        if self._off_mode_since_s is None:
-            self._off_mode_since_s = now_s
-        return look_mode if now_s - self._off_mode_since_s > TAKEOVER_S else ""
+    def taken_over(
+        self,
+        mode: str,
+        intended: str,
+        critical: bool,
+        restarts: int,
+        now_s: float,
+        *,
+        resumes: bool = True,
+    ) -> str:
+        """Why the autopilot no longer follows us, "" while it does.
+
+        Args:
+            mode: The mode that it reports.
+            intended: The mode that it was asked for, "" where it does not tell.
+            critical: It calls its own state critical.
+            restarts: How often it has restarted.
+            now_s: The present.
+            resumes: It comes back by itself after lost set-points.
+        """
+        flying = self.transition.phase in ROTORS_OURS
+        if not flying:
+            self._restarts_seen = restarts
+        inputs = takeover.Inputs(
+            flying, mode, intended, critical, self._commanded_land, restarts > self._restarts_seen, resumes
+        )
+        self._takeover, sentence = takeover.step(self._takeover, inputs, now_s)
+        return sentence
 
     def load(self, mission: Sequence[Step], zones: Sequence[Zone]) -> None:
         """Set what is to be done, before the first tick."""
@@ -349,9 +371,10 @@ class Pilot:
                 and look.health.ground_age_s < failsafe.GROUND_LATE_S
             ),
             armed=look.armed,
-            offboard=look.autopilot_mode == "offboard",
+            offboard=look.autopilot_mode in FOLLOWING,
             height_m=self._height_m(look.odometry),
             lift_height_m=self.lift_to_m(step) - self._drive_z_m - 0.1,
+            lifts_by_command=look.lifts_by_command,
             v_down_mps=-float(look.odometry.velocity_mps[2]),
             landed=look.landed,
             wheel_load=look.wheel_load,
@@ -387,6 +410,7 @@ class Pilot:
                 course.hold_here(odometry, now_s)
             case Phase.LIFTING:
                 self._refused = 0
+                self.take_off_m = self.lift_to_m(step) - self._drive_z_m
                 course.climb(self.lift_to_m(step), air.climb_mps, now_s)
             case Phase.FLYING:
                 course.hold_reference(now_s)
@@ -422,8 +446,10 @@ class Pilot:
         elif outputs.rotors and self.failsafe.reaction is not Reaction.YIELD:
             staying = progress.step is None or progress.step.kind is not Kind.GOTO
             reference = self._fly(held or staying, now_s, events)
-            # once the autopilot lands by itself, set-points would only confuse the picture
-            air = None if self._commanded_land and look.autopilot_mode == "land" else reference
+            # while the autopilot lands or lifts off by itself, set-points would only confuse it
+            landing = self._commanded_land and look.autopilot_mode == "land"
+            lifting = look.lifts_by_command and self.transition.phase is Phase.LIFTING
+            air = None if landing or lifting else reference
         return Actions(
             speed_mps=speed,
             yaw_rate_rps=turn,

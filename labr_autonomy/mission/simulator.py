@@ -7,6 +7,7 @@ import logging
 import math
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,15 @@ from labr_autonomy.mission.check import ClearanceAt, clear_places, goal_places
 from labr_autonomy.mission.schema import Mission
 
 END_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class External:
+    """An autopilot that somebody else has started."""
+
+    url: str  # as MAVSDK writes it
+    truth: str | None = None  # where its simulator publishes the truth; among its own messages otherwise
+
 
 log = logging.getLogger("labr.simulator")
 
@@ -29,15 +39,23 @@ class SimulatorProcess:
         seed: Of world and noise.
         worlds_dir: Folder with mesh worlds.
         folder: Where it leaves robot.yaml, its logs and the truth.
+        external: The autopilot to fly; the stand-in by default.
     """
 
     def __init__(
-        self, mission: Mission, robot: RobotConfig, seed: int, worlds_dir: Path | None, folder: Path
+        self,
+        mission: Mission,
+        robot: RobotConfig,
+        seed: int,
+        worlds_dir: Path | None,
+        folder: Path,
+        external: External | None = None,
     ) -> None:
         self._folder = folder
         self._asked = goal_places(mission, robot)
         self._spec_path = folder / "simulator.json"
-        self._spec_path.write_text(json.dumps(simulator_spec(mission, robot, seed, worlds_dir), indent=1))
+        spec = simulator_spec(mission, robot, seed, worlds_dir, external=external)
+        self._spec_path.write_text(json.dumps(spec, indent=1))
         self._process: subprocess.Popen[str] | None = None
         self._answer: dict[str, Any] = {}
 
@@ -115,7 +133,13 @@ class SimulatorProcess:
 
 
 def simulator_spec(
-    mission: Mission, robot: RobotConfig, seed: int, worlds_dir: Path | None, *, die_with_parent: bool = True
+    mission: Mission,
+    robot: RobotConfig,
+    seed: int,
+    worlds_dir: Path | None,
+    *,
+    die_with_parent: bool = True,
+    external: External | None = None,
 ) -> dict[str, Any]:
     """What the simulator is told, JSON-ready (`sim.spec.SimSpec`).
 
@@ -138,5 +162,7 @@ def simulator_spec(
         "worlds_dir": str(worlds_dir) if worlds_dir is not None else None,
         "robot": robot.model_dump(mode="json"),
         "die_with_parent": die_with_parent,
+        "autopilot": None if external is None else external.url,
+        "truth": None if external is None else external.truth,
         "disturbances": disturbances.spec() if disturbances is not None else None,
     }

@@ -17,6 +17,7 @@ STOP_SETTLE_S = 0.3  # wheels at rest this long before the rotors may turn
 ARM_TIMEOUT_S = 6.0  # PX4 reports arming with its 1 Hz heartbeat
 RETRY_S = 1.5  # a command that shows no effect is repeated after this time
 LIFT_TIMEOUT_S = 6.0  # no height by then: give up and come down
+LIFT_COMMANDED_TIMEOUT_S = 12.0  # ArduPilot's own take-off spins up for 4 s first
 LIFT_LATE_S = 20.0  # nor after this, however high it got
 LIFTED_M = 0.10  # height that counts as lifted
 ARMED_SHOWS_S = 2.5  # an arming on its way shows within this time (1 Hz heartbeat and the command's own time)
@@ -44,6 +45,7 @@ class Command(enum.Enum):
 
     OFFBOARD = "offboard"
     ARM = "arm"
+    TAKE_OFF = "take off"
     LAND = "land"
     DISARM = "disarm"
 
@@ -77,6 +79,7 @@ class Inputs:
     v_down_mps: float
     landed: bool  # the autopilot's landed state
     wheel_load: bool  # the land controller's load switches
+    lifts_by_command: bool = False  # the autopilot ignores set-points on the floor
     blind: bool = False  # no fresh pose: only the autopilot's own landing can bring it down
 
 
@@ -94,9 +97,9 @@ def _go(phase: Phase, now_s: float, say: str) -> tuple[State, Outputs]:
     return State(phase, now_s), Outputs(phase in WHEELS, phase in ROTORS, None, say)
 
 
-def _command(state: State, command: Command, now_s: float) -> tuple[State, Outputs]:
-    """Give a command once, and again after `RETRY_S` without effect."""
-    due = state.commanded is not command or now_s - state.commanded_s >= RETRY_S
+def _command(state: State, command: Command, now_s: float, retry_s: float = RETRY_S) -> tuple[State, Outputs]:
+    """Give a command once, and again after `retry_s` without effect."""
+    due = state.commanded is not command or now_s - state.commanded_s >= retry_s
     out = Outputs(state.phase in WHEELS, state.phase in ROTORS, command if due else None)
     return (replace(state, commanded=command, commanded_s=now_s) if due else state), out
 
@@ -131,10 +134,13 @@ def _lifting(state: State, i: Inputs, now_s: float) -> tuple[State, Outputs]:
     if i.height_m >= i.lift_height_m:
         return _go(Phase.FLYING, now_s, f"flying at {i.height_m:.2f} m")
     spent_s = now_s - state.since_s
-    if spent_s > LIFT_LATE_S or (i.height_m < LIFTED_M and spent_s > LIFT_TIMEOUT_S):
+    limit_s = LIFT_COMMANDED_TIMEOUT_S if i.lifts_by_command else LIFT_TIMEOUT_S
+    if spent_s > LIFT_LATE_S or (i.height_m < LIFTED_M and spent_s > limit_s):
         return _go(Phase.DESCENDING, now_s, f"only {i.height_m:.2f} m up after {spent_s:.0f} s; coming down")
     if i.wants is Mode.LAND and i.height_m >= LIFTED_M:
         return _go(Phase.DESCENDING, now_s, "climb called off; descending")
+    if i.lifts_by_command and i.landed:
+        return _command(state, Command.TAKE_OFF, now_s, LIFT_TIMEOUT_S)  # asked again, it spins up anew
     return _stay(state)
 
 

@@ -73,7 +73,7 @@ class Brain:
     def observe(self, now_s: float, truth: QuadState) -> None:
         """Bring the estimate to `now_s` (time since boot)."""
         self._now_s, self._truth = now_s, truth
-        self.estimate = self.estimator.step(_truth_ned(now_s, truth))
+        self.estimate = self.estimator.step(truth_ned(now_s, truth))
 
     def take_setpoint(self, target: Target) -> None:
         """A set-point has come."""
@@ -147,7 +147,8 @@ class Brain:
         return Target()
 
 
-def _truth_ned(now_s: float, truth: QuadState) -> Truth:
+def truth_ned(now_s: float, truth: QuadState) -> Truth:
+    """True motion as the estimators of the stand-ins take it."""
     x, y, z = (float(v) for v in truth.position_m)
     vx, vy, vz = (float(v) for v in truth.velocity_mps)
     p, q, r = (float(v) for v in truth.angular_velocity_rps)

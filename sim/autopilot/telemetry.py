@@ -51,7 +51,6 @@ LEFT_OUT: dict[str, str] = {
     "ESC_STATUS": _NO_CODEC,
     "TIME_ESTIMATE_TO_TARGET": _NO_CODEC,
     "COMPONENT_METADATA": _NO_CODEC,
-    "EVENT": _NO_CODEC,
     "CURRENT_EVENT_SEQUENCE": _NO_CODEC,
     "ESTIMATOR_SENSOR_FUSION_STATUS": _NO_CODEC,
     "POSITION_TARGET_GLOBAL_INT": "seen once, with zeros; needs a global position",

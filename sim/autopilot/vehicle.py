@@ -13,6 +13,7 @@ from sim.autopilot.brain import Brain, Motors, Pack
 from sim.autopilot.commander import CommanderState, Kind, Request, Result
 from sim.autopilot.commands import Answer, Desk
 from sim.autopilot.estimator import Estimate, Estimator
+from sim.autopilot.events import Event, EventMessage
 from sim.autopilot.imu import Imu
 from sim.autopilot.modes import FlightMode
 from sim.autopilot.parameters import Parameters
@@ -65,6 +66,9 @@ class Vehicle:
         self.parameters = Parameters()
         self.brain = Brain(self.parameters)
         self._announced = self.commander  # as it was at the end of the last tick
+        self._announced_landed = True
+        self._announced_signal: bool | None = None  # whether set-points are usable
+        self._events = 0
         self.peer = Peer()
         self._truth: QuadState | None = None
         self._pack: Pack | None = None
@@ -73,6 +77,11 @@ class Vehicle:
     def armed(self) -> bool:
         """Whether the rotors may turn."""
         return self.brain.armed
+
+    @property
+    def mode_name(self) -> str:
+        """Mode that runs, in a word."""
+        return self.commander.mode.name.lower()
 
     @property
     def estimator(self) -> Estimator:
@@ -130,7 +139,7 @@ class Vehicle:
 
     # --- link -----------------------------------------------------------------------------------------
 
-    def send(self, message: mavlink.MAVLink_message) -> None:
+    def send(self, message: mavlink.MAVLink_message | EventMessage) -> None:
         """Pack and send one message now."""
         data = message.pack(self._codec)
         self._codec.seq = (self._codec.seq + 1) & 255
@@ -175,14 +184,29 @@ class Vehicle:
         """Put one request to the commander."""
         result = self.brain.ask(asked)
         if result is not Result.ACCEPTED and asked.kind is Kind.ARM:
-            self._say("Arming denied: no mode that could fly")
+            self._say("Arming denied: no mode that could fly", Event.ARM_DENIED)
+        if result is not Result.ACCEPTED and asked.kind is Kind.DISARM:
+            self._say("Disarming denied: not landed", Event.DISARM_DENIED)
         return result
 
     def _announce(self) -> None:
         was, now = self._announced, self.commander
         self._announced = now
+        inputs = self.brain.inputs()
+        signal = commander.can_run(FlightMode.OFFBOARD, inputs)
+        if signal is not self._announced_signal:
+            self._announced_signal = signal
+            for event in (Event.CHECKS,) if signal else (Event.CHECKS, Event.NO_SETPOINTS):
+                self._tell(event)
         if now.failsafe and not was.failsafe:
-            self._say("Failsafe activated: landing")
+            self._say("Failsafe activated: landing", Event.FAILSAFE)
+        if now.armed and not was.armed:
+            self._tell(Event.ARMED)
+        if inputs.landed is not self._announced_landed:
+            self._announced_landed = inputs.landed
+            self._tell(Event.LANDED if inputs.landed else Event.TAKE_OFF)
+        if was.armed and not now.armed:
+            self._tell(Event.DISARMED)
         if now.armed and now.mode is FlightMode.LAND and (was.mode is not FlightMode.LAND):
             self._gimbal_commands()
 
@@ -253,7 +277,13 @@ class Vehicle:
             )
         )
 
-    def _say(self, text: str) -> None:
+    def _tell(self, event: Event) -> None:
+        """An event goes out on every link."""
+        self._events += 1
+        self.send(EventMessage(event, int(self._now_s * 1e3), self._events & 0xFFFF))
+
+    def _say(self, text: str, event: Event) -> None:
+        self._tell(event)
         if self.peer.ground_station:
             self.send(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, text.encode()))
 

@@ -123,7 +123,7 @@ def _movers(rows: Sequence[Row]) -> list[str]:
         ),
         "People and boxes walk to and fro across the way at 0.6 to 1.5 m/s; as many as fit on tracks of "
         "their own, up to the number asked for. They do not give way to a robot that moves. A person stops "
-        "short of a robot that has stood for a second, a box does not look. A contact with a mover counts as "
+        "short of a robot that stands, a box does not look. A contact with a mover counts as "
         "any other, unless the robot had stood still for the last second: that is counted apart, as struck "
         "while standing, and the flight goes on. Out of view are contacts with a mover that the camera had "
         "not been looking at for a second. The oracle flies without movers.\n",

@@ -97,7 +97,8 @@ def _family(spec: Mapping[str, Any], seed: int, clear_m: Sequence[Place]) -> Wor
     return replace(world, spec={**again, "difficulty": difficulty})
 
 
-def _folder(worlds_dir: Path | None) -> Path:
+def worlds_folder(worlds_dir: Path | None) -> Path:
+    """Where mesh worlds are: as named, else $LABR_WORLDS, else beside the checkout."""
     return worlds_dir or Path(os.environ.get(_ENV) or _SHARED)
 
 
@@ -106,7 +107,7 @@ def _described(spec: Mapping[str, Any], worlds_dir: Path | None) -> World:
     from sim.worlds.fit import check_fit
     from sim.worlds.world_file import find_world_file, read_world_file
 
-    folder = _folder(worlds_dir)
+    folder = worlds_folder(worlds_dir)
     said = read_world_file(find_world_file(str(spec["file"]), folder), folder)
     world = _mesh(said, Path(said["worlds_dir"]))
     check_fit(world, said)
@@ -115,7 +116,7 @@ def _described(spec: Mapping[str, Any], worlds_dir: Path | None) -> World:
 
 def _mesh(spec: Mapping[str, Any], worlds_dir: Path | None) -> World:
     name = str(spec["mesh"])
-    folder = _folder(worlds_dir)
+    folder = worlds_folder(worlds_dir)
     path = folder / name
     if not path.is_file():
         source = _SOURCES.get(Path(name).parts[0] if Path(name).parts else "")

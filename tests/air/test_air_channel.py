@@ -6,14 +6,16 @@ import asyncio
 import contextlib
 import itertools
 import os
+import struct
 import threading
 
 import numpy as np
 import pytest
-from autopilot_double import CLOCK, HOLD, LAND, OFFBOARD, Double, free_port
+from autopilot_double import ARDUPILOT, CLOCK, GUIDED, HOLD, LAND, OFFBOARD, Double, free_port
 from pymavlink import mavutil
 
 from labr_autonomy.air.channel import AirChannel
+from labr_autonomy.air.vehicle import WrongVehicle
 from labr_autonomy.clock import pause_s
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import BadInput, LinkError, Refused
@@ -22,7 +24,7 @@ from labr_autonomy.record.tlog import Tlog
 from labr_autonomy.types import Mode, Odometry, Pose, SetPoint
 
 pytestmark = pytest.mark.sitl
-ARM, SET_MODE, NAV_LAND, SET_INTERVAL = 400, 176, 21, 511
+ARM, SET_MODE, NAV_LAND, TAKE_OFF, SET_INTERVAL, REQUEST = 400, 176, 21, 22, 511, 512
 
 
 def setpoint() -> SetPoint:
@@ -63,10 +65,13 @@ async def pair(tlog=None, **double):
 # -- connecting -------------------------------------------------------------------------------------
 
 
-async def test_connecting_asks_for_the_five_streams_and_reports_the_state():
+async def test_connecting_asks_for_what_it_reads_and_reports_the_state():
     async with pair() as (channel, autopilot):
         asked = {c.param1: c.param2 for c in autopilot.of("COMMAND_LONG") if c.command == SET_INTERVAL}
-        assert asked == {105: 20_000.0, 32: 20_000.0, 31: 20_000.0, 245: 200_000.0, 147: 500_000.0}
+        position, state = {32: 20_000.0, 31: 20_000.0}, {245: 200_000.0, 147: 500_000.0}
+        assert asked == {436: 50_000.0, 105: 20_000.0, **position, **state}
+        assert channel.release.text == "1.18.0"
+        assert not autopilot.of("SET_GPS_GLOBAL_ORIGIN")  # PX4's position would jump by kilometres
         await until(lambda: channel.state.battery_v is not None, 2.0)
         s = channel.state
         assert (s.connected, s.armed, s.mode, s.landed, s.failsafe) == (
@@ -104,7 +109,12 @@ async def test_a_link_that_cannot_be_opened_is_a_sentence(url, error, words):
 
 @pytest.mark.parametrize(
     ("double", "words"),
-    [({"system": 2}, "system id 2"), ({"vehicle": 1}, "fixed-wing"), ({"autopilot": 3}, "ArduPilot")],
+    [
+        ({"system": 2}, "system id 2"),
+        ({"vehicle": 1}, "fixed-wing"),
+        ({"vehicle": 10, "autopilot": ARDUPILOT}, "ground rover"),
+        ({"autopilot": 0}, "a generic autopilot answers"),
+    ],
 )
 async def test_the_wrong_vehicle_is_refused_and_told_nothing(double, words):
     port = free_port()
@@ -113,6 +123,26 @@ async def test_the_wrong_vehicle_is_refused_and_told_nothing(double, words):
         with pytest.raises(LinkError, match=words):
             await channel.connect(3.0)
         assert not autopilot.commands.keys() & {ARM, SET_MODE, NAV_LAND, SET_INTERVAL}
+
+
+async def test_an_old_firmware_is_refused_before_it_is_armed():
+    port = free_port()
+    channel = AirChannel(f"udpin://127.0.0.1:{port}", RobotConfig(), CLOCK)
+    async with Double(port) as autopilot:
+        autopilot.version = (59647, 0x010D0300)
+        with pytest.raises(WrongVehicle, match=r"PX4 1\.13\.3 .* too old"):
+            await channel.connect(3.0)
+        assert autopilot.commands[ARM] == 0
+
+
+async def test_an_autopilot_that_does_not_tell_its_version_is_flown():
+    port = free_port()
+    channel = AirChannel(f"udpin://127.0.0.1:{port}", RobotConfig(), CLOCK)
+    async with Double(port) as autopilot:
+        autopilot.answers[REQUEST] = 3
+        await channel.connect(3.0)
+        assert "of unknown version" in channel.description
+        await channel.close()
 
 
 async def test_closing_leaves_no_thread_socket_or_descriptor():
@@ -252,6 +282,82 @@ async def test_a_refused_arm_is_a_sentence_with_the_autopilots_own_reason(result
         assert autopilot.commands[ARM] == 1
 
 
+async def test_a_companion_gets_px4s_reason_as_an_event():
+    async with pair() as (channel, autopilot):
+        said = []
+        channel.on_say = said.append
+        autopilot.answers[ARM] = 1
+        autopilot.event = struct.pack("<IIHBBB", 0x102089D, 7380, 18, 0, 0, 0x62)  # as recorded
+        with pytest.raises(LinkError, match=r"temporarily rejected .*its health checks fail"):
+            await channel.arm()
+        assert said == ["arming denied, its health checks fail"]
+
+
+async def test_ardupilot_is_given_an_origin_once_and_flown_by_its_own_words():
+    async with pair(autopilot=ARDUPILOT) as (channel, autopilot):
+        assert channel.family.name == "ArduPilot"
+        origin = autopilot.of("SET_GPS_GLOBAL_ORIGIN")
+        assert [(o.latitude, o.longitude, o.altitude) for o in origin] == [(473977420, 85455940, 489400)]
+        asked = {c.param1 for c in autopilot.of("COMMAND_LONG") if c.command == SET_INTERVAL}
+        assert asked == {27.0, 32.0, 31.0, 245.0, 147.0}
+        got = []
+        channel.on_imu = got.append
+        await until(lambda: got, 2.0)
+        np.testing.assert_allclose(got[0].specific_force_mps2, [0.0980665, -0.196133, 9.80665], atol=1e-6)
+        assert (channel.state.mode, channel.state.lifts_by_command) == ("stabilize", True)
+        channel.send_setpoint(setpoint())
+        await channel.start_offboard()
+        assert channel.state.mode == "guided"
+        mode = next(c for c in autopilot.of("COMMAND_LONG") if c.command == SET_MODE)
+        assert (mode.param1, mode.param2) == (1.0, float(GUIDED))
+        await channel.arm()
+        await channel.take_off(1.2)
+        lift = next(c for c in autopilot.of("COMMAND_LONG") if c.command == TAKE_OFF)
+        assert lift.param7 == pytest.approx(1.2)
+        assert channel.state.landed == "takeoff"
+        await channel.land()
+        assert channel.state.mode == "land"
+
+
+async def test_an_origin_that_ardupilot_has_already_is_left_alone():
+    port = free_port()
+    channel = AirChannel(f"udpin://127.0.0.1:{port}", RobotConfig(), CLOCK)
+    async with Double(port, autopilot=ARDUPILOT) as autopilot:
+        autopilot.origin = autopilot.mav.gps_global_origin_encode(1, 2, 3)
+        await channel.connect(5.0)
+        assert not autopilot.of("SET_GPS_GLOBAL_ORIGIN")
+        await channel.close()
+
+
+async def test_px4_is_never_asked_to_take_off_by_command():
+    async with pair() as (channel, autopilot):
+        with pytest.raises(Refused, match="PX4 lifts off by set-points"):
+            await channel.take_off(1.0)
+        assert autopilot.commands[TAKE_OFF] == 0
+
+
+@pytest.mark.parametrize("autopilot", [12, ARDUPILOT])
+async def test_a_takeover_shows_without_waiting_for_the_next_heartbeat(autopilot):
+    async with pair(autopilot=autopilot) as (channel, double):
+        channel.send_setpoint(setpoint())
+        await channel.start_offboard()
+        double.beating = False  # the next heartbeat of PX4 is up to 1.2 s away
+        double.change_mode(16 if autopilot == ARDUPILOT else 0x00030000)
+        await until(lambda: channel.state.mode == "position", 0.9)
+
+
+async def test_a_request_under_way_is_given_up_when_somebody_else_flies():
+    async with pair() as (channel, autopilot):
+        autopilot.answers[ARM] = None
+        task = asyncio.create_task(channel.arm())
+        await until(lambda: autopilot.commands[ARM] == 1, 1.0)
+        channel.yield_control()
+        with pytest.raises(LinkError, match="overtaken"):
+            await task
+        await wait_s(0.7)
+        assert autopilot.commands[ARM] == 1
+
+
 async def test_an_acknowledgement_without_effect_is_an_error_within_two_seconds():
     async with pair() as (channel, autopilot):
         autopilot.obeys = False
@@ -310,6 +416,58 @@ async def test_unanswered_requests_do_not_hold_up_set_points():
         assert max(b - a for a, b in itertools.pairwise(times)) < 0.2
 
 
+# -- parameters -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("autopilot", [12, ARDUPILOT])
+async def test_parameters_that_fit_are_accepted(autopilot):
+    async with pair(autopilot=autopilot) as (channel, _):
+        await channel.check_parameters()
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "name", "value", "whole", "words"),
+    [
+        (12, "COM_OF_LOSS_T", 15.0, False, r"COM_OF_LOSS_T is 15, wanted 0\.2 to 1 \(set-points that stop"),
+        (12, "EKF2_EV_CTRL", 1, True, "EKF2_EV_CTRL is 1, wanted 15"),
+        (ARDUPILOT, "EK3_SRC1_YAW", 1, True, "EK3_SRC1_YAW is 1, wanted 6"),
+        (ARDUPILOT, "GUID_TIMEOUT", 10.0, False, "GUID_TIMEOUT is 10, wanted"),
+    ],
+)
+async def test_a_parameter_that_does_not_fit_is_refused_by_name_and_value(
+    autopilot, name, value, whole, words
+):
+    async with pair(autopilot=autopilot) as (channel, double):
+        await channel.write_parameter(name, value, whole)
+        with pytest.raises(Refused, match=words):
+            await channel.check_parameters()
+        assert double.commands[ARM] == 0
+
+
+async def test_integers_cross_both_ways_as_each_family_writes_them():
+    for autopilot, name in ((12, "NAV_RCL_ACT"), (ARDUPILOT, "FS_EKF_ACTION")):
+        async with pair(autopilot=autopilot) as (channel, _):
+            await channel.write_parameter(name, 3, True)
+            assert await channel.read_parameter(name, True) == 3.0
+    async with pair() as (channel, _):
+        assert await channel.read_parameter("SDLOG_MODE", True) == -1.0
+
+
+@pytest.mark.parametrize("autopilot", [12, ARDUPILOT])
+async def test_a_parameter_that_is_not_there_is_none(autopilot):
+    async with pair(autopilot=autopilot) as (channel, _):
+        assert await channel.read_parameter("NO_SUCH_PARAM", True) is None
+
+
+async def test_nothing_is_written_while_the_rotors_are_armed():
+    async with pair() as (channel, autopilot):
+        autopilot.armed = True
+        await until(lambda: channel.state.armed, 1.0)
+        with pytest.raises(Refused, match="armed"):
+            await channel.write_parameter("NAV_RCL_ACT", 1, True)
+        assert not autopilot.of("PARAM_SET")
+
+
 # -- losing it --------------------------------------------------------------------------------------
 
 
@@ -339,7 +497,7 @@ async def test_after_a_reboot_the_streams_are_asked_for_again_and_nothing_is_arm
         boot_s = autopilot.boot_s
         reboot_s = boot_s()
         autopilot.boot_s = lambda: boot_s() - reboot_s
-        await until(lambda: autopilot.commands[SET_INTERVAL] == asked + 5, 1.0)
+        await until(lambda: autopilot.commands[SET_INTERVAL] == asked + 6, 1.0)
         assert channel.reboots == 1
         assert autopilot.commands[ARM] == 0
         await until(lambda: got[-1] > CLOCK.now_s() - 0.05, 1.0)

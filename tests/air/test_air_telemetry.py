@@ -11,12 +11,10 @@ from labr_autonomy.air.telemetry import (
     air_state,
     attitude_odom,
     battery,
-    heartbeat,
     imu_sample,
+    mode_and_intention,
     position_odom,
 )
-from labr_autonomy.air.vehicle import check_vehicle
-from labr_autonomy.errors import LinkError
 from labr_autonomy.frames import yaw_of
 
 BEAT = {"type": 2, "autopilot": 12, "base_mode": 0x91, "custom_mode": 0x00060000, "system_status": 4}
@@ -110,22 +108,23 @@ def test_battery_sums_cells_and_knows_what_is_not_known():
     assert battery({"voltages": [65535] * 10, "voltages_ext": [0] * 4, **known}) == (None, 0.8, 12.5, 300.0)
 
 
-@pytest.mark.parametrize(
-    ("system", "change", "words"),
-    [
-        (2, {}, "system id 2"),
-        (1, {"autopilot": 3}, "ArduPilot answers .* comes later"),
-        (1, {"autopilot": 99}, "MAV_AUTOPILOT 99"),
-        (1, {"type": 1}, "fixed-wing plane, not a multicopter"),
-        (1, {"type": 10}, "ground rover"),
-        (1, {"type": 77}, "MAV_TYPE 77"),
-    ],
-)
-def test_any_other_vehicle_is_refused(system, change, words):
-    with pytest.raises(LinkError, match=words):
-        check_vehicle(system, heartbeat({**BEAT, **change}), "udpin://x:1", "LABR")
+def current(mode, intended, arrival_s):
+    return Message(arrival_s, {"custom_mode": mode, "intended_custom_mode": intended, "standard_mode": 0})
 
 
-@pytest.mark.parametrize("vehicle", sorted(px4.MULTICOPTERS))
-def test_px4_on_a_multicopter_is_accepted(vehicle):
-    check_vehicle(1, heartbeat({**BEAT, "type": vehicle}), "udpin://x:1", "LABR")
+def test_the_newer_of_heartbeat_and_current_mode_tells_the_mode():
+    latest = {"HEARTBEAT": Message(10.0, BEAT)}
+    assert mode_and_intention(latest) == ("offboard", "")
+    latest["CURRENT_MODE"] = current(0x06040000, 0x00060000, 10.1)
+    assert mode_and_intention(latest) == ("land", "offboard")
+    latest["HEARTBEAT"] = Message(10.2, BEAT)
+    assert mode_and_intention(latest) == ("offboard", "offboard")
+    latest["CURRENT_MODE"] = current(0x06040000, 0, 10.3)
+    assert mode_and_intention(latest) == ("land", "")
+
+
+def test_ardupilots_inertial_measurement_is_in_mg_and_mrad():
+    fields = {"xacc": 10, "yacc": 20, "zacc": -1000, "xgyro": 10, "ygyro": 20, "zgyro": 30}
+    sample = imu_sample(fields, 3.0, "RAW_IMU")
+    np.testing.assert_allclose(sample.specific_force_mps2, [0.0980665, -0.196133, 9.80665])
+    np.testing.assert_allclose(sample.angular_velocity_rps, [0.01, -0.02, -0.03])

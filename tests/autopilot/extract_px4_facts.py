@@ -33,6 +33,8 @@ NAMES = {
     411: "CURRENT_EVENT_SEQUENCE",
     514: "ESTIMATOR_SENSOR_FUSION_STATUS",
 }
+# Events of the commander that say what the robot does: armed, disarmed, took off, landed, failsafe, denied.
+COMMANDER_EVENTS = {0x190CAF3, 0x1F46777, 0x1414569, 0x19638AC, 0x1DEDBD0, 0x102089D, 0x18AB9B5}
 HOME = 242.0
 STEADY_S = 10.0  # the client has asked for its intervals by then
 
@@ -53,6 +55,12 @@ def messages(path: Path) -> Iterator[tuple[float, str, int, object]]:
         yield message._timestamp - start, name, component, message
 
 
+def message_payload(message: object) -> bytes:
+    """Payload of a message that pymavlink cannot read, with the zeros that MAVLink 2 cuts."""
+    frame = bytes(message.get_msgbuf())
+    return frame[10 : 10 + frame[1]].ljust(53, b"\0")
+
+
 def mean_rate(times: list[float]) -> float:
     """Messages a second over their own span; 0 for fewer than ten."""
     return round((len(times) - 1) / (times[-1] - times[0]), 3) if len(times) >= 10 else 0.0
@@ -70,6 +78,7 @@ def distil(path: Path) -> dict[str, object]:  # noqa: C901  one pass over the me
     vision: list[float] = []
     stream: list[float] = []
     events: list[float] = []
+    told: list[list[object]] = []
     home = Counter[int]()
     down: list[tuple[float, float, float]] = []
     for t, name, component, m in messages(path):
@@ -114,6 +123,7 @@ def distil(path: Path) -> dict[str, object]:  # noqa: C901  one pass over the me
                 parameters.append([name, m.param_id, wire, kind])
             case "EVENT":
                 events.append(round(t, 3))
+                told.append([round(t, 3), int.from_bytes(message_payload(m)[:4], "little")])
             case "LOCAL_POSITION_NED":
                 down.append((t, m.z, m.vz))
     asked = {row[2] for row in client if row[1] == "read"} | {row[2] for row in client if row[1] == "set"}
@@ -138,6 +148,7 @@ def distil(path: Path) -> dict[str, object]:  # noqa: C901  one pass over the me
         "px4_commands": commands,
         "parameters": [row for row in parameters if row[1] in asked],
         "events_s": sorted(set(events)),
+        "events": [row for row in told if row[1] in COMMANDER_EVENTS],
         "descent": descent(down, heartbeats),
     }
 

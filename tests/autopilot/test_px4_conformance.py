@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 from autopilot_rig import Rig
+from extract_px4_facts import COMMANDER_EVENTS
 from pymavlink.dialects.v20 import development as mavlink
 
 from sim.autopilot.modes import FlightMode
@@ -27,7 +28,7 @@ STRETCHES = {
 # Requests that the recorded PX4 grants and the stand-in cannot: COMPONENT_METADATA has no codec (LEFT_OUT).
 NOT_GRANTED = {(512, 397.0)}
 PERIOD_S = {"px4_ev_frd": 1.2, "px4_pym_ev": 1.2}  # of the heartbeat, with its jitter
-ON_DEMAND = {"COMMAND_ACK", "COMMAND_LONG", "PARAM_VALUE", "PARAM_ERROR", "AUTOPILOT_VERSION"}
+ON_DEMAND = {"EVENT", "COMMAND_ACK", "COMMAND_LONG", "PARAM_VALUE", "PARAM_ERROR", "AUTOPILOT_VERSION"}
 FLIGHTS = pytest.mark.parametrize("flight", sorted(FACTS))
 
 
@@ -175,6 +176,33 @@ def test_offboard_is_lost_as_late_as_recorded(replays, flight, lost_s):
 
 
 @pytest.mark.slow
+@FLIGHTS
+def test_a_companion_is_told_the_same_by_events_and_nothing_by_text(replays, flight):
+    replay = replays(flight)
+    recorded = within(replay.facts["events"], STRETCHES[flight])
+    known = {number for _, number in recorded}
+    frames = [(t, bytes(m.get_msgbuf())) for t, m in replay.sent("UNKNOWN_410")]
+    got = [(t, int.from_bytes(frame[10:14], "little")) for t, frame in frames]
+    got = [(t, number) for t, number in got if number in known or number in COMMANDER_EVENTS]
+    assert [number for _, number in got] == [number for _, number in recorded]
+    for (have_s, number), (want_s, _) in zip(got, recorded, strict=True):
+        slack_s = 2.5 if number in (0x19638AC, 0x1F46777) else 0.5  # a landing takes what the height needs
+        assert have_s == pytest.approx(want_s, abs=slack_s), f"event {number:X}"
+    assert not replay.sent("STATUSTEXT")
+
+
+@pytest.mark.slow
+def test_disarming_in_the_air_is_refused_and_changes_nothing(replays):
+    replay = replays("px4_pym_ev")
+    asked_s = next(a[0] for a in replay.facts["client"] if a[1] == "command" and a[2:4] == [400, 0.0])
+    (ack,) = [m for t, m in replay.sent("COMMAND_ACK") if m.command == 400 and abs(t - asked_s) < 0.005]
+    assert ack.result == 1  # temporarily rejected, as recorded
+    beats = [m for t, m in replay.sent("HEARTBEAT") if asked_s < t < asked_s + 5.0]
+    assert beats
+    assert all(m.base_mode & 128 for m in beats)
+
+
+@pytest.mark.slow
 def test_offboard_comes_back_with_the_setpoints(replays):
     replay = replays("px4_pym_ev")
     ((_, back_s),) = replay.facts["setpoint_gaps_s"]
@@ -212,6 +240,7 @@ def test_parameters_have_the_same_values_bit_for_bit(replays):
 @pytest.mark.slow
 def test_every_recorded_message_is_sent_or_left_out_for_a_reason(replays):
     sent = {m.get_type() for name in FACTS for _, m in replays(name).rig.sent}
+    sent = {"EVENT" if name == "UNKNOWN_410" else name for name in sent}
     recorded = {message for facts in FACTS.values() for message in facts["messages"]}
     assert recorded - sent - set(LEFT_OUT) == set()
     assert sent & set(LEFT_OUT) == set(), "left out, yet sent"

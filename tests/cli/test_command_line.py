@@ -12,8 +12,13 @@ import pytest
 from click.testing import CliRunner
 
 from labr_autonomy import cli
+from labr_autonomy.air.watch import WatchAt
 from labr_autonomy.clock import SystemClock
+from labr_autonomy.commands.elsewhere import in_world
 from labr_autonomy.errors import BadInput, LinkError, Refused
+from labr_autonomy.mission.load import load_mission, parse_mission
+from labr_autonomy.mission.simulator import External
+from sim.worlds.world_file import SHIPPED, read_world_file
 
 ROOT = Path(__file__).resolve().parents[2]
 GOOD = "version: 1\nname: x\nitems:\n  - goto: {x: 1, y: 1}\n"
@@ -98,16 +103,8 @@ def _bare_start_s():
 
 def test_only_commands_that_exist_are_listed():
     assert set(cli.main.commands) == {
-        "fly",
-        "check",
-        "sim",
-        "bench",
-        "report",
-        "replay",
-        "console",
-        "dataset",
-        "energy",
-        "train",
+        *("fly", "check", "sim", "bench", "report", "dataset", "train", "energy"),
+        *("params", "doctor", "console", "replay"),
     }
 
 
@@ -207,8 +204,58 @@ def test_fly_hands_everything_over(mission, flown):
         "json_output": True,
         "quiet": True,
         "console": None,
+        "external": None,
+        "relocate": None,
+        "watch": None,
     }
     assert calls == [(path, options)]
+
+
+def test_fly_hands_a_foreign_autopilot_and_another_world_over(mission, flown):
+    calls, _ = flown
+    path = mission(GOOD)
+    air, truth = "udpin://127.0.0.1:14540", "udpin://127.0.0.1:19410"
+    assert run("fly", path, "--air", air, "--truth", truth, "--world", "rooms").exit_code == 0
+    options = calls[0][1]
+    assert options["external"] == External(air, truth)
+    assert options["watch"] is None
+    run("fly", path, "--watch", "udp://127.0.0.1:14550", "--watch-commands")
+    assert calls[1][1]["watch"] == WatchAt("127.0.0.1", 14550, may_speak=True)
+    assert options["relocate"](load_mission(path)).sim.world.spec() == {"family": "rooms"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--air", "udpin://x:1", "--robot", "r.yaml"), "--air and --world are for the simulator"),
+        (("--truth", "udpin://x:1"), "--truth goes with --air"),
+        (("--watch-commands",), "--watch-commands goes with --watch"),
+        (("--watch", "14550"), "'14550' is no address of a ground station"),
+    ],
+)
+def test_fly_refuses_options_that_do_not_go_together(mission, flown, arguments, words):
+    done = run("fly", mission(GOOD), *arguments)
+    assert done.exit_code == 2
+    assert words in done.stderr
+    assert flown[0] == []
+
+
+def test_another_world_keeps_the_start_of_the_mission_and_takes_the_worlds_own_without_one():
+    known = parse_mission(GOOD.encode())
+    moved = in_world(known, "workshop.yaml", None)
+    assert moved.sim.world.spec() == {"file": "workshop.yaml"}
+    if known.sim is not None:
+        assert moved.sim.start == known.sim.start
+    bare = in_world(known.model_copy(update={"sim": None}), "workshop.yaml", None)
+    said = read_world_file(SHIPPED / "workshop.yaml", SHIPPED)["start"]
+    assert (bare.sim.start.x, bare.sim.start.y) == (said[0], said[1])
+    assert in_world(bare, "house.glb", None).sim.world.spec()["mesh"] == "house.glb"
+
+
+@pytest.mark.parametrize("world", ["moon", "house.txt"])
+def test_a_world_that_is_none_is_refused(world):
+    with pytest.raises(BadInput, match=f"'{world}' is no world"):
+        in_world(parse_mission(GOOD.encode()), world, None)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ BREAK = {
     "air-late": {"air_age_s": 3.0},
     "estop": {"estop": True},
     "battery": {"battery_left": 0.1},
-    "taken-over": {"taken_over": "land"},
+    "taken-over": {"taken_over": "somebody else took over: the autopilot is in land"},
 }
 
 

@@ -34,6 +34,8 @@ class Robot:
         self.yaw = 0.0
         self.armed = False
         self.mode = "hold"
+        self.follow_mode, self.intended, self.critical, self.restarts = "offboard", "", False, 0
+        self.lifts_by_command, self.lifting_to, self.sent_while_lifting = False, None, 0
         self.pending = []  # (due, what)
         self.refuse_arming = False
         self.plans = True
@@ -53,10 +55,21 @@ class Robot:
         pose = Pose(self.position.copy(), quaternion_from_rpy(0, 0, self.yaw))
         odometry = Odometry(self.now_s, pose, self.velocity, np.zeros(3), np.eye(6) * 1e-4)
         health = Health(self.pilot.mode, 0.05, 0.05, 0.02, 0.5, 0.1, 0, False, "", 0.9, 0.15)
+        taken = self.pilot.taken_over(self.mode, self.intended, self.critical, self.restarts, self.now_s)
+        health = replace(health, taken_over=taken)
         low = self.height < 0.01
         speed = float(np.hypot(*self.velocity[:2])) if low else 0.0
         return Look(
-            odometry, speed, 0.0, low, self.armed, self.mode, low, replace(health, **self.health), self.order
+            odometry,
+            speed,
+            0.0,
+            low,
+            self.armed,
+            self.mode,
+            low,
+            replace(health, **self.health),
+            self.order,
+            self.lifts_by_command,
         )
 
     def step(self):
@@ -83,7 +96,9 @@ class Robot:
     def _obey(self, command):
         match command:
             case Command.OFFBOARD:
-                self.mode = "offboard"
+                self.mode = self.follow_mode
+            case Command.TAKE_OFF:
+                self.lifting_to = self.pilot.take_off_m + CONFIG.body.below_m
             case Command.ARM if not self.refuse_arming:
                 self.armed = True
             case Command.LAND:
@@ -99,7 +114,13 @@ class Robot:
             self.position[:2] += a.speed_mps * TICK_S * np.array([math.cos(self.yaw), math.sin(self.yaw)])
         elif self.armed and self.mode == "land":
             self.position[2] -= 0.4 * TICK_S
-        elif self.armed and a.air is not None and self.mode == "offboard":
+        elif self.armed and self.lifting_to is not None:
+            self.sent_while_lifting += a.phase is Phase.LIFTING and a.air is not None
+            self.position[2] = min(self.position[2] + 0.5 * TICK_S, self.lifting_to)
+            self.lifting_to = None if self.position[2] >= self.lifting_to else self.lifting_to
+        elif self.lifts_by_command and self.height < 0.01:
+            pass  # set-points mean nothing to it on the floor
+        elif self.armed and a.air is not None and self.mode == self.follow_mode:
             self.position += np.clip(a.air.position_m - self.position, -0.05, 0.05)
             self.yaw = a.air.yaw_rad
         self.position[2] = max(self.position[2], CONFIG.body.below_m)
@@ -232,24 +253,82 @@ def test_a_lost_pose_in_the_air_brings_it_down_by_the_autopilot_and_ends_the_mis
     assert "VIO" in robot.pilot.failsafe.sentence
 
 
-def test_whoever_takes_over_gets_the_robot_and_nothing_more_is_sent():
+def test_whoever_takes_over_gets_the_robot_within_one_tick_and_nothing_more_is_sent():
     robot = airborne(Robot(AIR_GOAL, HOME))
-    robot.mode = "position"
-    robot.health = {"taken_over": "position"}
+    robot.mode = robot.intended = "position"
+    robot.step()
+    assert robot.actions.reaction is Reaction.YIELD
+    assert "in position" in robot.pilot.failsafe.sentence
     for _ in range(200):
-        robot.step()
         assert robot.actions.air is None
         assert robot.actions.command is None
+        robot.step()
 
 
-def test_a_mode_change_counts_as_taken_over_only_when_it_lasts():
+def test_set_points_that_were_lost_for_a_while_are_taken_up_again():
     robot = airborne(Robot(AIR_GOAL, HOME))
-    assert robot.pilot.taken_over("position", 0.0) == ""
-    assert robot.pilot.taken_over("offboard", 1.0) == ""
-    assert robot.pilot.taken_over("position", 2.0) == ""
-    assert robot.pilot.taken_over("unknown", 9.0) == ""  # silence is nobody
-    assert robot.pilot.taken_over("position", 2.0) == ""
-    assert robot.pilot.taken_over("position", 4.0) == "position"
+    robot.mode, robot.intended, robot.critical = "land", "offboard", True
+    for _ in range(50):
+        robot.step()
+        assert robot.actions.air is not None, "without set-points it would never come back"
+    robot.mode, robot.critical = "offboard", False
+    robot.run(1.0)
+    assert robot.actions.reaction is Reaction.NONE
+
+
+def test_a_failsafe_of_the_autopilot_that_stays_is_followed_to_the_floor():
+    robot = airborne(Robot(AIR_GOAL, HOME))
+    robot.mode, robot.intended, robot.critical = "land", "offboard", True
+    robot.run(3.0)
+    assert robot.actions.reaction is Reaction.YIELD
+    assert robot.pilot.failsafe.sentence == "the autopilot's own failsafe went to land"
+    assert robot.actions.air is None
+
+
+def test_an_autopilot_that_restarts_in_flight_is_given_up_and_never_armed_again():
+    robot = airborne(Robot(AIR_GOAL, HOME))
+    robot.restarts += 1
+    robot.mode, robot.armed = "hold", False
+    robot.step()
+    assert "restarted in flight" in robot.pilot.failsafe.sentence
+    for _ in range(200):
+        robot.step()
+        assert robot.actions.command is None
+        assert robot.actions.air is None
+
+
+def test_a_restart_on_the_floor_is_no_reason_to_yield():
+    robot = Robot(AIR_GOAL, HOME).run(1.0)
+    robot.restarts += 1
+    airborne(robot)
+    assert robot.actions.reaction is Reaction.NONE
+
+
+def test_an_autopilot_that_lifts_off_by_command_gets_no_set_points_until_it_flies():
+    robot = Robot(AIR_GOAL, HOME)
+    robot.follow_mode, robot.lifts_by_command = "guided", True
+    commands = []
+    robot.run(60, until=lambda r: commands.append(r.actions.command) or r.actions.phase is Phase.FLYING)
+    assert robot.actions.phase is Phase.FLYING
+    asked = [c for c in commands if c is not None]
+    assert asked[0] is Command.OFFBOARD
+    assert Command.ARM in asked
+    assert asked[-1] is Command.TAKE_OFF
+    assert asked.count(Command.TAKE_OFF) == 1
+    assert robot.pilot.take_off_m == pytest.approx(1.5 - CONFIG.body.below_m, abs=0.01)
+    assert robot.sent_while_lifting == 0
+    robot.run(60, until=lambda r: r.actions.finished)
+    assert robot.pilot.steps.status is Status.DONE
+
+
+def test_no_reaction_ever_asks_for_the_autopilots_hold():
+    assert {c.value for c in Command} == {"offboard", "arm", "take off", "land", "disarm"}
+    robot = airborne(Robot(AIR_GOAL, HOME))
+    robot.health = {"depth_age_s": 1.0}
+    robot.step()
+    assert robot.actions.reaction is Reaction.HOLD
+    assert robot.actions.command is None
+    assert robot.actions.air is not None  # it hovers on our set-points; PX4 refuses Hold without GPS
 
 
 def test_the_operator_holds_and_then_brings_it_down():

@@ -178,3 +178,24 @@ def test_a_climb_that_gets_stuck_is_given_up():
     stuck = inputs(armed=True, offboard=True, landed=False, wheel_load=False, height_m=0.5)
     assert step(State(Phase.LIFTING, 0.0), stuck, 10.0)[0].phase is Phase.LIFTING
     assert step(State(Phase.LIFTING, 0.0), stuck, 21.0)[0].phase is Phase.DESCENDING
+
+
+def test_a_take_off_by_command_is_asked_for_once_and_again_only_when_it_stays_on_the_floor():
+    standing = inputs(armed=True, offboard=True, lifts_by_command=True)
+    state, out = step(State(Phase.LIFTING, 0.0), standing, 0.0)
+    assert out.command is Command.TAKE_OFF
+    for now_s in (0.1, 3.9, 5.9):
+        state, out = step(state, standing, now_s)
+        assert out.command is None
+    state, out = step(state, standing, 6.1)
+    assert out.command is Command.TAKE_OFF
+    _, out = step(state, inputs(armed=True, offboard=True, lifts_by_command=True, landed=False), 7.0)
+    assert out.command is None
+    gone, _ = step(state, standing, 12.1)
+    assert gone.phase is Phase.DESCENDING
+
+
+def test_set_points_lift_off_where_no_command_is_wanted():
+    for i in EVERY_INPUT:
+        _, out = step(State(Phase.LIFTING, 90.0), i, 100.0)
+        assert out.command is not Command.TAKE_OFF

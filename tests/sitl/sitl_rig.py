@@ -81,7 +81,11 @@ class Truth:
         self._seen: list[tuple[float, np.ndarray]] = []
 
     def look(self) -> tuple[float, np.ndarray]:
-        stamp, pose = self._reader.latest()
+        deadline = time.monotonic() + 10.0
+        while (found := self._reader.latest()) is None:  # the slot is there before its first pose
+            assert time.monotonic() < deadline, "the simulator published no pose"
+            time.sleep(0.005)
+        stamp, pose = found
         if not self._seen or stamp > self._seen[-1][0]:
             self._seen.append((stamp, pose.position_m.copy()))
         return self._seen[-1]

@@ -1,0 +1,1 @@
+"""Random problems for the refiner, and an independent judge of what it answers."""

@@ -1,0 +1,66 @@
+"""Who flies, in every state x every input."""
+
+import itertools
+
+import pytest
+
+from labr_autonomy.guard.takeover import FOLLOWING, RESUME_S, Inputs, State, step
+
+MODES = ("offboard", "guided", "land", "hold", "position", "return", "unknown")
+STATES = (State(), State(100.0 - RESUME_S - 0.1), State(99.9))
+EVERY_INPUT = [
+    Inputs(f, m, i, c, asked, restarted, resumes)
+    for f, m, i, c, asked, restarted, resumes in itertools.product(
+        (False, True), MODES, ("", "offboard", "guided", "land", "position"), *([(False, True)] * 4)
+    )
+]
+
+
+def look(**changes):
+    base = {"flying": True, "mode": "offboard", "intended": "offboard", "critical": False}
+    return Inputs(**({**base, "landing_asked": False, "restarted": False} | changes))
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_we_go_on_only_where_the_autopilot_follows_or_may_come_back(state):
+    for i in EVERY_INPUT:
+        after, sentence = step(state, i, 100.0)
+        if not i.flying:
+            assert (after, sentence) == (State(), "")
+        elif i.restarted:
+            assert "restarted" in sentence
+        elif i.mode in FOLLOWING:
+            assert (after, sentence) == (State(), "")
+        elif i.mode == "unknown":
+            assert (after, sentence) == (state, "")
+        elif i.landing_asked and i.mode == "land":
+            assert sentence == ""
+        elif (
+            not (i.critical and i.resumes)
+            or i.intended in ("land", "position")
+            or (not i.intended and i.mode == "position")
+        ):
+            assert i.mode in sentence
+            assert "somebody else" in sentence
+        else:
+            long = state.failsafe_since_s is not None and 100.0 - state.failsafe_since_s > RESUME_S
+            assert bool(sentence) is long
+
+
+def test_a_pilot_who_takes_over_during_a_failsafe_gets_it_at_once():
+    state, sentence = step(State(), look(mode="land", critical=True), 10.0)
+    assert sentence == ""
+    _, sentence = step(state, look(mode="position", intended="position", critical=True), 10.02)
+    assert "position" in sentence
+
+
+def test_an_autopilot_that_never_comes_back_is_not_waited_for():
+    _, sentence = step(State(), look(mode="land", intended="", critical=True, resumes=False), 10.0)
+    assert "in land" in sentence
+
+
+def test_a_silent_link_does_not_stop_the_clock_of_a_failsafe():
+    state, _ = step(State(), look(mode="land", critical=True), 10.0)
+    state, _ = step(state, look(mode="unknown"), 11.0)
+    _, sentence = step(state, look(mode="land", critical=True), 10.1 + RESUME_S)
+    assert "failsafe went to land" in sentence
