@@ -15,8 +15,9 @@ from labr_autonomy.mission.pilot import Order
 
 LINK_LATE_S: Mapping[str, float] = MappingProxyType(
     # the guard's own limits for a running mission (guard/failsafe.py), named as operators see the links
-    {"vio": 0.3, "depth": 0.5, "px4": 2.5, "stm32": 0.3, "plan": 1.5}
+    {"vio": 0.3, "depth": 0.5, "air": 2.5, "stm32": 0.3, "plan": 1.5}
 )
+OTHER_LATE_S = 2.5  # of a link that this table does not know, for showing only
 
 
 class Stage(enum.Enum):

@@ -18,7 +18,7 @@ from labr_autonomy.console.admission import State as Lease
 from labr_autonomy.frames import yaw_of
 from labr_autonomy.guard.failsafe import Reaction
 from labr_autonomy.guard.fence import Zone
-from labr_autonomy.mission.operator import LINK_LATE_S, Stage, stale
+from labr_autonomy.mission.operator import LINK_LATE_S, OTHER_LATE_S, Stage, stale
 from labr_autonomy.mission.pilot import Actions, Pilot
 from labr_autonomy.mission.preflight import Check
 from labr_autonomy.mission.steps import Status, Step
@@ -126,7 +126,10 @@ def portrait(
         "stage": stage.value,
         "reaction": actions.reaction.name.lower(),
         "locked": stale(ages_s),
-        "links": {name: {"age_s": number(age), "limit_s": LINK_LATE_S[name]} for name, age in ages_s.items()},
+        "links": {
+            name: {"age_s": number(age_s), "limit_s": LINK_LATE_S.get(name, OTHER_LATE_S)}
+            for name, age_s in ages_s.items()
+        },
         "goal": None
         if goal is None
         else {

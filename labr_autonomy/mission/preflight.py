@@ -17,14 +17,14 @@ SIGMA_MAX_M = 0.3  # a pose less certain than the robot's own radius is none to 
 _FIX = {
     "vio": "start the VIO and look at its output",
     "depth": "start the camera driver and look at its cable",
-    "px4": "look at the autopilot's cable and power",
+    "air": "look at the autopilot's cable and power",
     "stm32": "look at the land controller's cable, or press its reset",
     "plan": "wait a moment; restart the mission if it stays",
 }
 _NAME = {
     "vio": "pose from VIO",
     "depth": "depth image",
-    "px4": "autopilot",
+    "air": "autopilot",
     "stm32": "land controller",
     "plan": "planner",
 }

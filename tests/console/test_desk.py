@@ -255,6 +255,12 @@ def test_a_figure_that_is_not_one_becomes_null(begun):
     assert begun.show()["links"]["vio"]["age_s"] is None
 
 
+def test_a_link_that_nobody_knows_is_shown_and_breaks_nothing(begun):
+    begun.ages["radio"] = 0.1
+    assert begun.show()["links"]["radio"]["age_s"] == 0.1
+    assert begun.show()["locked"] == ""
+
+
 def test_the_end_says_how_it_went(begun):
     begun.desk.ended("success: all items done")
     assert begun.show()["why"] == "success: all items done"

@@ -5,7 +5,7 @@ import { Scene, HoldButton, age, joules, metres, clock } from "labr-page";
 
 const STALE_S = 0.5; // older than this, what the page shows may no longer be true: driving is locked
 const ABORT_HOLD_S = 0.6;
-const LINK_NAMES = { vio: "VIO", depth: "Depth", px4: "PX4", stm32: "STM32", plan: "Planner" };
+const LINK_NAMES = { vio: "VIO", depth: "Depth", air: "Autopilot", stm32: "STM32", plan: "Planner" };
 const MODES = {
   LAND: ["land", "◉ ◉"], AIR: ["air", "✛"], TRANSITION: ["between", "⇅"], HOLD: ["hold", "❚❚"], OVER: ["over", "■"],
 };
