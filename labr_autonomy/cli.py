@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labr_autonomy import __version__
+from labr_autonomy.commands import operate
 from labr_autonomy.commands.bench import bench, difficulty_option, movers_option
 from labr_autonomy.commands.dataset import dataset
 from labr_autonomy.commands.doctor import doctor
@@ -104,6 +105,8 @@ def main() -> None:
 @_json
 @_ground
 @click.option("--quiet", is_flag=True, help="No live line.")
+@click.option("--console", is_flag=True, help="Serve the operator's page, and wait for start on it.")
+@operate.served
 @click.option("--world", metavar="W", help="Another world: a family, a world file or a mesh.")
 @click.option(
     "--air", metavar="URL", help="Fly an autopilot that is running there, e.g. udpin://127.0.0.1:14540."
@@ -126,6 +129,10 @@ def fly(
     as_json: bool,
     ground: str,
     quiet: bool,
+    console: bool,
+    host: str,
+    port: int,
+    token_file: Path | None,
     world: str | None,
     air: str | None,
     truth: str | None,
@@ -162,6 +169,7 @@ def fly(
         json_output=as_json,
         quiet=quiet,
         ground=ground,
+        console=operate.console_options(host, port, token_file) if console else None,
         external=None if air is None else External(air, truth),
         relocate=None if world is None else lambda known: in_world(known, world, worlds),
         watch=None if watch is None else WatchAt.parse(watch, may_speak=watch_commands),
@@ -310,6 +318,8 @@ def _serve_simulator(
     click.get_current_context().exit(code)
 
 
+main.add_command(operate.console)
+main.add_command(operate.replay)
 main.add_command(bench)
 main.add_command(dataset)
 main.add_command(doctor)

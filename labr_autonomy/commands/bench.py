@@ -12,6 +12,7 @@ import click
 
 from labr_autonomy.commands.ablation import table1
 from labr_autonomy.commands.checks import camera, crosscheck
+from labr_autonomy.commands.console_bench import console
 from labr_autonomy.commands.links import links
 from labr_autonomy.commands.networks import table2
 from labr_autonomy.commands.refiner import refiner
@@ -184,6 +185,7 @@ def table3(trials: int, method: str, **common: Any) -> None:
 bench.add_command(crosscheck)
 bench.add_command(camera)
 bench.add_command(links)
+bench.add_command(console)
 bench.add_command(table1)
 bench.add_command(table2)
 bench.add_command(transitions)

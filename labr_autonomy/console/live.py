@@ -103,9 +103,9 @@ class LiveLine:
         self._shown_s = state.time_s
         return True
 
-    def say(self, sentence: str) -> None:
-        """A line that stays, above the live line."""
-        if not self._quiet:
+    def say(self, sentence: str, *, always: bool = False) -> None:
+        """A line that stays, above the live line; also a quiet one says what must `always` be said."""
+        if always or not self._quiet:
             self._plain(sentence)
 
     def _plain(self, sentence: str) -> None:

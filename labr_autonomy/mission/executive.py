@@ -6,12 +6,14 @@ import asyncio
 import contextlib
 import json
 import logging
+import os
 import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from labr_autonomy.air.watch import WatchAt
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.console.live import LiveLine
+from labr_autonomy.console.process import ConsoleOptions, ConsoleProcess
 from labr_autonomy.errors import ExitCode, LabrError
 from labr_autonomy.ground.channel import GroundChannel
 from labr_autonomy.guard.failsafe import Reaction
@@ -29,12 +32,15 @@ from labr_autonomy.mission.compile import compile_fences, compile_steps
 from labr_autonomy.mission.flight import Flight
 from labr_autonomy.mission.load import load_mission, load_robot
 from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.portrait import facts_of
+from labr_autonomy.mission.recorded import RecordedPilot
 from labr_autonomy.mission.schema import Mission
 from labr_autonomy.mission.simulator import External, SimulatorProcess
 from labr_autonomy.mission.steps import Status
-from labr_autonomy.processes import on_time
+from labr_autonomy.processes import keep_cores, on_time
 from labr_autonomy.record.mcap_log import FlightLog
 from labr_autonomy.record.report import write_report
+from labr_autonomy.record.run_data import LATENCIES
 from labr_autonomy.record.run_folder import make_run_folder
 from labr_autonomy.record.summary import Outcome, Summary, write_summary
 from labr_autonomy.record.tlog import Tlog
@@ -77,6 +83,7 @@ def fly(
     out_dir: Path | None,
     json_output: bool,
     quiet: bool,
+    console: ConsoleOptions | None = None,
     external: External | None = None,
     relocate: Callable[[Mission], Mission] | None = None,
     watch: WatchAt | None = None,
@@ -92,6 +99,7 @@ def fly(
         out_dir: Where run folders are made.
         json_output: Print summary.json to standard output at the end.
         quiet: No live line.
+        console: Where the operator's page is served; with it the mission waits for start.
         external: An autopilot that somebody else has started, flown in our simulated world.
         relocate: Puts the mission into another world.
         watch: A ground station that is shown the air link.
@@ -108,15 +116,22 @@ def fly(
     shutil.copyfile(mission_path, run_dir / "mission.yaml")
     _log_to(run_dir / "executive.log")
     used_seed = seed if seed is not None else (mission.sim.seed if mission.sim else None)
-    with LiveLine(quiet=quiet) as line:
+    with LiveLine(quiet=quiet) as line, contextlib.ExitStack() as around:
         line.say(f"run folder {run_dir}")
         try:
             refuse(check_mission(mission, robot))
+            waits = console is not None
+            if console is not None:
+                served = around.enter_context(
+                    ConsoleProcess(console, pid=os.getpid(), log_path=run_dir / "console.log")
+                )
+                for sentence in served.sentences:
+                    line.say(sentence, always=True)
             if robot_path is not None:
-                summary = asyncio.run(_flight(mission, robot, run_dir, None, line, watch))
+                summary = asyncio.run(_flight(mission, robot, run_dir, None, line, watch, waits))
             else:
                 simulated = Simulated(used_seed or 0, worlds_dir, external, ground)
-                summary = _simulated(mission, robot, run_dir, simulated, line, watch)
+                summary = _simulated(mission, robot, run_dir, simulated, line, watch, waits)
         except LabrError as error:  # nothing has moved
             _leave(summarise.unmoved(mission.name, "refused", error.what, used_seed), run_dir, line)
             raise
@@ -152,6 +167,7 @@ def _simulated(
     simulated: Simulated,
     line: LiveLine,
     watch: WatchAt | None,
+    waits: bool,
 ) -> Summary:
     """Fly in a simulator of its own, judged by its referee."""
     seed, external = simulated.seed, simulated.external
@@ -161,7 +177,8 @@ def _simulated(
         mission, robot, seed, simulated.worlds_dir, run_dir, external, ground=simulated.ground
     ) as simulator:
         refuse(check_mission(mission, robot, clearance_at=simulator.clearance_at))
-        flown = asyncio.run(_flight(mission, load_robot(simulator.robot_path), run_dir, seed, line, watch))
+        flown_robot = load_robot(simulator.robot_path)
+        flown = asyncio.run(_flight(mission, flown_robot, run_dir, seed, line, watch, waits))
     return summarise.with_truth(flown, run_dir)
 
 
@@ -182,6 +199,7 @@ async def _flight(
     seed: int | None,
     line: LiveLine,
     watch: WatchAt | None,
+    waits: bool,
 ) -> Summary:
     clock = SystemClock()
     robot = _limited(robot, mission)
@@ -193,11 +211,26 @@ async def _flight(
         files.callback(ground_log.close)
         flight_log = FlightLog(run_dir / "flight.mcap", metadata={"mission": mission.name})
         files.callback(flight_log.close)
-        pilot = Pilot(robot, duration_s=mission.limits.duration_s)
+
+        def record(body: Callable[[], dict[str, Any]]) -> None:
+            flight_log.pilot(clock.now_s(), body)
+
+        pilot = RecordedPilot(robot, mission.limits.duration_s, record)
         tlogs = {"air.tlog": air_log, "ground.tlog": ground_log}
         flight = Flight(
-            robot, pilot, clock, air, ground, flight_log, line, len(mission.items), tlogs, run_dir
+            robot,
+            pilot,
+            clock,
+            air,
+            ground,
+            flight_log,
+            line,
+            len(mission.items),
+            tlogs,
+            run_dir,
+            waits=waits,
         )
+        files.callback(flight.desk.close)
         loop, whole = asyncio.get_running_loop(), asyncio.current_task()
         assert whole is not None
         for number in (signal.SIGTERM, signal.SIGHUP):  # until it moves, ending is all there is to do
@@ -207,17 +240,27 @@ async def _flight(
             here = flight.odometry().pose.position_m
             home = (float(here[0]), float(here[1]))
             floor_z_m = float(here[2]) - robot.body.below_m
-            pilot.load(compile_steps(mission, home, floor_z_m), compile_fences(mission, robot, floor_z_m))
+            zones = compile_fences(mission, robot, floor_z_m)
+            pilot.load(compile_steps(mission, home, floor_z_m), zones)
+            known = facts_of(robot, mission.name, run_dir.name, zones, here, floor_z_m, os.getpid())
+            flight.desk.open(os.getpid(), known, zones, np.array([*home, floor_z_m]), floor_z_m)
+            flight_log.facts(clock.now_s(), known)
+            if waits:
+                line.say("waiting for start on the console's page")
             with _signals(flight), on_time():
+                keep_cores()
                 try:
                     await flight.run()
                 except* LabrError as group:
                     pilot.fail(_first_reason(group))
+            ended = _ended(flight, pilot)
+            flight.show_end(f"{ended.outcome}: {ended.reason}")
         finally:
             await flight.close()
-        ended = _ended(flight, pilot)
         if flight.record.map_xy_m is not None:
             np.savez_compressed(run_dir / "map.npz", occupied_xy=flight.record.map_xy_m)
+        loops = {name: np.array(getattr(flight.record, name), np.float32) for name in LATENCIES}
+        np.savez_compressed(run_dir / "latencies.npz", **loops)  # type: ignore[arg-type] # names are free
         return summarise.flown(
             mission.name, flight.record, ended.outcome, ended.reason, seed, here, flight.planner_versions
         )
@@ -254,9 +297,9 @@ def _limited(robot: RobotConfig, mission: Mission) -> RobotConfig:
 def _signals(flight: Flight) -> Iterator[None]:
     loop = asyncio.get_running_loop()
     handlers = {
-        signal.SIGINT: flight.interrupt,
-        signal.SIGTERM: flight.terminate,
-        signal.SIGHUP: flight.terminate,  # the terminal is gone, and with it the operator
+        signal.SIGINT: flight.desk.interrupt,
+        signal.SIGTERM: flight.desk.end,
+        signal.SIGHUP: flight.desk.end,  # the terminal is gone, and with it the operator
     }
     for number, handler in handlers.items():
         loop.add_signal_handler(number, handler)

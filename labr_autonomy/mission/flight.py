@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from labr_autonomy.air.channel import AirChannel
 from labr_autonomy.clock import Clock, Ticker, utc_s
@@ -21,6 +22,7 @@ from labr_autonomy.estimation.vio_link import VioLink, udp_address
 from labr_autonomy.estimation.vio_message import VioSample
 from labr_autonomy.ground.channel import GroundChannel
 from labr_autonomy.guard.failsafe import VIO_LATE_S, Reaction
+from labr_autonomy.mission.desk import SHOW_S, Desk
 from labr_autonomy.mission.instruments import look
 from labr_autonomy.mission.logbook import Logbook
 from labr_autonomy.mission.pilot import Actions, Look, Order, Pilot
@@ -38,6 +40,8 @@ PLAN_PERIOD_S = 0.1
 VISION_PERIOD_S = 1.0 / 30.0
 LOG_PERIOD_S = 0.1
 FRAME_LOG_PERIOD_S = 0.5
+STATE_LOG_PERIOD_S = 0.2  # of what the console shows
+MAP_PERIOD_S = 1.0  # for the console; the planner sends one as often
 FIRST_POSE_S = 10.0
 FRESH_POSE_S = 0.15
 END_LATE_S = 90.0  # a flight that is over must be down by then; later there is nothing left to wait for
@@ -59,6 +63,7 @@ class Flight:
         legs: Number of steps, for the live line.
         tlogs: The links' logs by name, watched for a full disk.
         run_dir: Folder of the run.
+        waits: The mission begins when its operator says so.
     """
 
     def __init__(
@@ -73,6 +78,8 @@ class Flight:
         legs: int,
         tlogs: Mapping[str, Tlog],
         run_dir: Path,
+        *,
+        waits: bool = False,
     ) -> None:
         self._config = config
         self._pilot = pilot
@@ -89,16 +96,15 @@ class Flight:
         self._frames: FrameReader | None = None
         self._vio: VioLink | None = None
         self._commands: asyncio.Queue[Command] = asyncio.Queue(maxsize=1)
-        self._order = Order.FLY
         self._plan_sequence = 0
         self._planned_s = -math.inf
         self._result_s = -math.inf
-        self._note = ""
         self._air_error = ""
         self._logged_frame_s = -math.inf
         self._actions: Actions | None = None
         self._done = asyncio.Event()
         self.record = Logbook()
+        self.desk = Desk(config, pilot, self.record, self._say, waits=waits)
         self.planner_versions: dict[str, str] = {}
 
     # ------------------------------------------------------------------ opening and closing
@@ -160,25 +166,10 @@ class Flight:
         await self._ground.close()
         await self._air.close()
 
-    # ------------------------------------------------------------------ the operator
-    def interrupt(self) -> None:
-        """Ctrl-C: once holds, twice comes down and ends."""
-        if self._order is Order.FLY:
-            self._order = Order.HOLD
-            self._say("operator: hold (again to land and stop)")
-        else:
-            self._order = Order.LAND
-            self._say("operator: land and stop")
-
-    def terminate(self) -> None:
-        """SIGTERM: come down and end."""
-        self._order = Order.LAND
-        self._say("operator: land and stop")
-
     @property
     def aborted(self) -> bool:
         """Whether the operator ended the flight."""
-        return self._order is Order.LAND
+        return self.desk.order is Order.LAND
 
     # ------------------------------------------------------------------ the tasks
     async def run(self) -> None:
@@ -197,6 +188,7 @@ class Flight:
                     tasks.create_task(self._command_loop(), name="commands"),
                     tasks.create_task(self._planner_loop(), name="planner watch"),
                     tasks.create_task(self._show_loop(), name="log and live line"),
+                    tasks.create_task(self._desk_loop(), name="operator's desk"),
                 ]
                 await self._done.wait()
                 for task in running:
@@ -214,10 +206,14 @@ class Flight:
             now_s = self._clock.now_s()
             self.record.tick_late_s.append(late_s)
             self.record.ticks_missed = ticker.missed
+            ages = self._ages(now_s)
+            if self.desk.poll(self._filter.predicted(now_s), ages, now_s):
+                self._show_desk(ages, now_s)  # the answer does not wait for the next showing
             seen = self._look(now_s)
             actions = self._pilot.tick(seen, now_s)
             self._send(actions)
             if seen.odometry is not None:
+                self.desk.ticked(actions, seen.odometry, late_s, now_s)
                 self._account(actions, seen.odometry, now_s, now_s - before_s)
             before_s = now_s
             self._plan(seen.odometry, now_s)
@@ -244,7 +240,7 @@ class Flight:
             restarts=self._air.reboots,
             depth_stamp_s=None if header is None else header[1],
             plan_age_s=now_s - max(self._result_s, self.record.started_s),
-            order=self._order,
+            order=self.desk.order,
             now_s=now_s,
         )
 
@@ -266,7 +262,7 @@ class Flight:
         if actions.reference is not None:
             self._log.setpoint(actions.reference)
         if self._actions is None or actions.phase is not self._actions.phase:
-            self._log.mode(self._clock.now_s(), actions.mode.value, actions.phase.value, self._note)
+            self._log.mode(self._clock.now_s(), actions.mode.value, actions.phase.value, self.desk.note)
         self._actions = actions
 
     def _air_says(self, send: Callable[[], None]) -> None:
@@ -361,6 +357,36 @@ class Flight:
             self._check_logs()
             self._log_frame()
 
+    async def _desk_loop(self) -> None:
+        """Show the flight to whoever watches; nothing of it waits."""
+        ticker = Ticker(self._clock, SHOW_S)
+        log_due_s = map_due_s = -math.inf
+        while True:
+            await ticker.wait()
+            now_s = self._clock.now_s()
+            state = self._show_desk(self._ages(now_s), now_s)
+            if state is not None and now_s >= log_due_s:
+                log_due_s = now_s + STATE_LOG_PERIOD_S
+                self._log.console(now_s, state)
+            if now_s >= map_due_s:
+                map_due_s = now_s + MAP_PERIOD_S
+                self.desk.show_map()
+
+    def show_end(self, outcome: str) -> None:
+        """The last state that the console shows, before the links are closed."""
+        self.desk.ended(outcome)
+        now_s = self._clock.now_s()
+        state = self._show_desk(self._ages(now_s), now_s)
+        if state is not None:
+            self._log.console(now_s, state)
+
+    def _show_desk(self, ages: dict[str, float], now_s: float) -> dict[str, Any] | None:
+        if self._actions is None:
+            return None
+        estimate, healthy = self._filter.predicted(now_s), not self._logs_stopped
+        ground, air = self._ground.state, self._air.state
+        return self.desk.show(self._actions, estimate, ages, ground, air, healthy, now_s)
+
     def _show(self, now_s: float, ages: dict[str, float]) -> None:
         actions = self._actions
         if actions is None:
@@ -376,7 +402,7 @@ class Flight:
                 distance_m=actions.distance_m,
                 energy_j=self.record.meter.energy_j,
                 link_ages_s=ages,
-                note=self._note,
+                note=self.desk.note,
             )
         )
 
@@ -427,7 +453,9 @@ class Flight:
         self.record.plan_cycle_s.append(result.timings.total_s)
         if result.map_xy_m is not None:
             self.record.map_xy_m = result.map_xy_m
+            self._log.map(now_s, result.map_xy_m, self._pilot.floor_z_m)
         self._pilot.accept(result, now_s)
+        self.desk.take_plan(result, now_s)
         self._log.plan(
             now_s,
             frame_stamp_s=result.frame_stamp_s,
@@ -457,12 +485,12 @@ class Flight:
             return
         self._plan_sequence += 1
         request = self._pilot.request(self._plan_sequence, header[0], then.pose, estimate, now_s)
-        if self._planner.send(request):
+        if self._planner.send(self.desk.with_probe(request)):
             self._planned_s = now_s
 
     def _say(self, sentence: str) -> None:
         now_s = self._clock.now_s()
-        self._note = sentence
+        self.desk.noted(sentence, now_s)
         self._log.event(now_s, sentence)
         self._line.say(f"{now_s - self.record.started_s:7.2f} s  {sentence}")
         log.info("%.3f %s", utc_s(), sentence)

@@ -68,6 +68,15 @@ class Logbook:
             if step is not None:
                 self._end_leg(step, "failed", estimate, now_s)
 
+    def begin(self, now_s: float) -> None:
+        """What came before is not part of the mission: it has waited for its operator."""
+        self.meter, self.legs, self._leg_from = Meter(), [], None
+        self.started_s = now_s
+
+    def leave(self, step: Step, estimate: Odometry, now_s: float) -> None:
+        """The operator ended a step before it was reached."""
+        self._end_leg(step, "skipped", estimate, now_s)
+
     def _mark(self, now_s: float) -> tuple[float, float, float, float]:
         return now_s, self.meter.land_m, self.meter.air_m, self.meter.energy_j
 

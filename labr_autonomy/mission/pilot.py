@@ -185,6 +185,41 @@ class Pilot:
         """One step of the mission, None beyond its end."""
         return self._mission[index] if index < len(self._mission) else None
 
+    def begin(self, now_s: float) -> None:
+        """The mission's clocks start now: it has waited for its operator."""
+        self._started_s = now_s
+        self.steps = replace(self.steps, entered_s=now_s)
+
+    @property
+    def mission(self) -> tuple[Step, ...]:
+        """Every step, with what the operator put in."""
+        return self._mission
+
+    def steps_left(self) -> tuple[Step, ...]:
+        """What is still to be done, the present step first."""
+        return self._mission[self.steps.index :]
+
+    def insert(self, new: Sequence[Step], now_s: float, *, keep: bool = True) -> None:
+        """Do other steps now.
+
+        Args:
+            new: In order.
+            now_s: The present.
+            keep: Go on with the rest of the mission afterwards; otherwise it is dropped.
+        """
+        index = self.steps.index
+        rest = self._mission[index:] if keep else ()
+        self._mission = (*self._mission[:index], *new, *rest)
+        self._move_to(index, now_s)
+
+    def skip(self, now_s: float) -> None:
+        """Give the present step up and go on with the next one."""
+        self._move_to(self.steps.index + 1, now_s)
+
+    def _move_to(self, index: int, now_s: float) -> None:
+        self.steps = steps.State(index, now_s)
+        self._facts = None
+
     def fail(self, reason: str) -> None:
         """Something outside the pilot makes going on impossible: come down and end."""
         if self.steps.status is not Status.FAILED:

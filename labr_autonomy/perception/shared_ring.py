@@ -182,6 +182,11 @@ class RingReader:
         self._seen, self._news_s = 0, self._clock.now_s()
         return True
 
+    @property
+    def slots(self) -> int:
+        """Entries that the block keeps."""
+        return self._slots
+
     def newest(self) -> int | None:
         """Sequence number of the newest complete entry; None before the first."""
         if self._map is None:

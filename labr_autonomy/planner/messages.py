@@ -38,6 +38,7 @@ class PlanRequest:
     floor_z_m: float  # floor below the robot, odom
     lift_to_m: float  # height in odom that a take-off here would climb to
     fresh: bool = False  # forget the previous trajectory (after a hold or a mode change)
+    probe_m: Array | None = None  # (3,) odom, a place on the floor: could the robot drive there?
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +71,7 @@ class PlanResult:
     timings: Timings
     hop: bool = False  # the way to a goal on land leaves the floor, or that to one in the air comes down
     stuck: bool = False  # everything was tried: it gets no farther
+    probe: str | None = None  # why there is no way to the request's `probe_m`, "" when there is one
     map_xy_m: NDArray[np.float32] | None = field(default=None)  # (n, 2) obstacle cells, now and then
 
 

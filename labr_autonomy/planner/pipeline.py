@@ -122,6 +122,7 @@ class Pipeline:
                 done_s - routed_s,
                 done_s - began_s,
             ),
+            probe=self._probe(request),
             map_xy_m=self._map_now_and_then(request.start_s),
         )
 
@@ -343,6 +344,20 @@ class Pipeline:
     # ------------------------------------------------------------------ places to take off and land
     def _column_clear(self, request: PlanRequest, up_to_m: float) -> bool:
         return column_clear(self._map, self._config, request, up_to_m)
+
+    def _probe(self, request: PlanRequest) -> str | None:
+        """Whether the wheels could get to the place that is asked about, as far as the map knows."""
+        place = request.probe_m
+        if place is None:
+            return None
+        hard_m = self._refiner.land_hard_m
+        plan = self._seen_field.coarser() if self._memory is None else self._memory.plan(place)
+        ways = CostToGo(plan, place[:2], hard_m + NARROW_MARGIN_M)
+        if math.isfinite(ways.cost_m(request.body_pose.position_m[:2])):
+            return ""
+        if float(plan.lookup(place[None, :2])[0]) <= hard_m:
+            return f"the place is in an obstacle, more than {GOAL_SNAP_M:g} m from floor that can be reached"
+        return "the map shows no way there that is wide enough for the robot"
 
     def _map_now_and_then(self, now_s: float) -> np.ndarray | None:
         if now_s - self._drawn_s < MAP_EVERY_S:

@@ -20,6 +20,7 @@ from labr_autonomy.processes import die_with_parent, lean_children
 
 POLL_S = 0.5
 LOAD_TIMEOUT_S = 180.0  # the first start compiles the map's kernels
+END_S = 2.0
 NICE = 5  # planning yields to the 50 Hz set-points
 
 
@@ -35,6 +36,7 @@ def _serve(connection: Connection, config: RobotConfig, depth_name: str, log_pat
     try:
         from labr_autonomy.perception.frame_slot import FrameReader
         from labr_autonomy.planner.pipeline import Pipeline
+        from labr_autonomy.planner.recorder import PlannerLog
 
         pipeline = Pipeline(config)
         frames = FrameReader(depth_name, timeout_s=30.0)
@@ -43,17 +45,30 @@ def _serve(connection: Connection, config: RobotConfig, depth_name: str, log_pat
         return
     names = ("casadi", "onnxruntime", "numpy", "numba", "opencv-python-headless")
     connection.send(Ready({n: importlib.metadata.version(n) for n in names}, clock.now_s() - began_s))
-    while True:
-        if not connection.poll(POLL_S):
-            continue
-        try:
+    recorder = PlannerLog(_fresh(log_path.with_suffix(".mcap")), config)
+    try:
+        while True:
+            if not connection.poll(POLL_S):
+                continue
             request: PlanRequest = connection.recv()
             while connection.poll():  # the newest request is the only one that matters
                 request = connection.recv()
-        except EOFError:
-            return
-        frame = frames.get(request.frame_sequence)
-        connection.send(pipeline.cycle(request, frame))
+            frame = frames.get(request.frame_sequence)
+            result = pipeline.cycle(request, frame)
+            connection.send(result)
+            recorder.cycle(request, frame, result)  # after the answer: nobody waits for the disk
+    except (EOFError, BrokenPipeError, ConnectionResetError):  # the executive has ended
+        recorder.close()
+
+
+def _fresh(path: Path) -> Path:
+    """A name that is free: `planner.mcap`, and `planner-2.mcap` for the one that replaces a dead planner."""
+    number = 1
+    found = path
+    while found.exists():
+        number += 1
+        found = path.with_name(f"{path.stem}-{number}{path.suffix}")
+    return found
 
 
 class PlannerLink:
@@ -169,10 +184,11 @@ class PlannerLink:
         await self.wait_ready()
 
     def close(self) -> None:
-        """End the process and let go of its pipe."""
+        """Let go of its pipe, on which it closes its log and ends; make sure that it does."""
         self._drop()
-        if self._process is not None and self._process.is_alive():
-            self._process.kill()
         if self._process is not None:
-            self._process.join(timeout=2.0)
+            self._process.join(timeout=END_S)
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join(timeout=END_S)
             self._process = None

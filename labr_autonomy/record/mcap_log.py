@@ -1,8 +1,11 @@
-"""The flight log: MCAP with JSON messages, written by a thread of its own.
+"""The flight log: MCAP, written by a thread of its own.
+
+Topics of our own are JSON; beside them stand the topics that viewers know by itself (`record.foxglove`).
 
 The caller's cost is an append to a bounded queue: it never waits for the disk. When the queue is full the
-oldest entry goes, and the loss is counted and itself logged. Chunks are closed every half second, so that
-a killed process loses no more than that; `read_log` reads such a file up to its torn end.
+oldest entry goes, and the loss is counted and itself logged. Chunks are closed and on the disk every half
+second, so that a killed process or a power cut loses no more than that; `read_log` reads such a file up
+to its torn end.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import os
 import struct
 import threading
 from collections import deque
@@ -20,16 +24,27 @@ from typing import Any, Self
 
 import numpy as np
 from mcap.exceptions import McapError
-from mcap.records import Channel, Message
+from mcap.records import Channel, McapRecord, Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
+from numpy.typing import NDArray
 from zstandard import ZstdError  # mcap's own compression
 
 from labr_autonomy.clock import Clock, SystemClock, utc_s
 from labr_autonomy.config import Camera
 from labr_autonomy.errors import BadInput
+from labr_autonomy.record.depth_jpeg import depth_jpeg
 from labr_autonomy.record.topics import TOPICS
-from labr_autonomy.types import DepthFrame, Image, KeyPoints, Odometry, Pose, SetPoint, Source, Trajectory
+from labr_autonomy.types import (
+    DepthFrame,
+    Image,
+    KeyPoints,
+    Odometry,
+    Pose,
+    SetPoint,
+    Source,
+    Trajectory,
+)
 
 FLUSH_S = 0.5
 POLL_S = 0.05
@@ -40,7 +55,9 @@ PATH_POINTS = 24  # of a trajectory, kept for the pictures
 RECORD_MAX_BYTES = 64 * 1024 * 1024
 
 Body = dict[str, Any]
-Entry = tuple[str, float, Callable[[], Body]]  # topic, stamp, and what makes the message in the thread
+Viewers = Mapping[str, Callable[[float], bytes]]  # by topic, what makes its message of a UTC stamp
+Entry = tuple[str, float, Callable[[], Body] | None, Viewers]  # topic, stamp, what makes the message
+NONE: Viewers = {}
 
 
 class FlightLog:
@@ -66,6 +83,10 @@ class FlightLog:
         # Here and not in the thread: while cv2 loads, its folder stands in sys.path, which a process spawned
         # at that moment would inherit; and loading it with the first frame would stall the flight by 0.3 s.
         import cv2  # noqa: F401
+
+        from labr_autonomy.record import foxglove
+
+        self._viewers = foxglove
 
         self._clock = clock or SystemClock()
         self._epoch_s = utc_s() - self._clock.now_s()  # monotonic to UTC, for the log time
@@ -111,7 +132,12 @@ class FlightLog:
                 "sigma_m": math.sqrt(variance) if variance >= 0.0 else None,
             }
 
-        self._put("/odometry", odometry.stamp_s, body)
+        pose, make = odometry.pose, self._viewers
+        also: Viewers = {
+            "/tf": lambda utc_s: make.transforms(utc_s, pose),
+            "/pose": lambda utc_s: make.pose_in_odom(utc_s, pose),
+        }
+        self._put("/odometry", odometry.stamp_s, body, also)
 
     def setpoint(self, setpoint: SetPoint) -> None:
         """What was sent to a channel."""
@@ -161,7 +187,10 @@ class FlightLog:
                 "timings_s": dict(timings_s or {}),
             }
 
-        self._put("/plan", stamp_s, body)
+        make = self._viewers
+        self._put(
+            "/plan", stamp_s, body, {"/plan/scene": lambda utc_s: make.scene(utc_s, network, trajectory)}
+        )
 
     def mode(self, stamp_s: float, mode: str, phase: str, why: str = "") -> None:
         """A change of the mode or of the transition's phase."""
@@ -169,7 +198,9 @@ class FlightLog:
 
     def event(self, stamp_s: float, text: str, *, level: str = "info", **figures: float) -> None:
         """Something worth a line, with its figures."""
-        self._put("/event", stamp_s, lambda: {"level": level, "text": text, "figures": figures})
+        make = self._viewers
+        also: Viewers = {"/log": lambda utc_s: make.line_of_log(utc_s, text, level)}
+        self._put("/event", stamp_s, lambda: {"level": level, "text": text, "figures": figures}, also)
 
     def link_ages(self, stamp_s: float, ages_s: Mapping[str, float]) -> None:
         """How old the last datum of each link is [s]."""
@@ -221,8 +252,31 @@ class FlightLog:
                 "data": base64.b64encode(encode_depth(frame.depth_m)).decode("ascii"),
             }
 
-        self._put("/depth", frame.stamp_s, body)
+        make = self._viewers
+        also: Viewers = {
+            "/tf": lambda utc_s: make.camera_mount(utc_s, camera),
+            "/depth/calibration": lambda utc_s: make.calibration(utc_s, k),
+            "/depth/image": lambda utc_s: make.picture(utc_s, depth_jpeg(frame.depth_m)),
+        }
+        self._put("/depth", frame.stamp_s, body, also)
         return True
+
+    def map(self, stamp_s: float, cells_xy_m: NDArray[Any], floor_z_m: float) -> None:
+        """Obstacle cells (n, 2) odom that the planner knows of."""
+        make = self._viewers
+        self._put("/map", stamp_s, None, {"/map": lambda utc_s: make.cloud(utc_s, cells_xy_m, floor_z_m)})
+
+    def pilot(self, stamp_s: float, body: Callable[[], Body]) -> None:
+        """A call of the pilot, with all that it was given and all that it answered, for `replay --check`."""
+        self._put("/pilot", stamp_s, body)
+
+    def facts(self, stamp_s: float, facts: Body) -> None:
+        """What holds for the whole flight, as the console shows it."""
+        self._put("/facts", stamp_s, lambda: facts)
+
+    def console(self, stamp_s: float, state: Body) -> None:
+        """What the operator's console shows, for replay."""
+        self._put("/console", stamp_s, lambda: state)
 
     def close(self) -> None:
         """Write out what is queued and finish the file; safe to call twice."""
@@ -239,14 +293,14 @@ class FlightLog:
         """Close."""
         self.close()
 
-    def _put(self, topic: str, stamp_s: float, body: Callable[[], Body]) -> None:
+    def _put(self, topic: str, stamp_s: float, body: Callable[[], Body] | None, also: Viewers = NONE) -> None:
         with self._lock:
             if len(self._queue) >= self._queue_max or self._stop.is_set():
                 self._dropped += 1
                 if self._stop.is_set():
                     return
                 self._queue.popleft()
-            self._queue.append((topic, stamp_s, body))
+            self._queue.append((topic, stamp_s, body, also))
 
     def _begin(self, metadata: Mapping[str, str]) -> dict[str, int]:
         self._writer.start(profile="", library="labr-autonomy")
@@ -256,6 +310,12 @@ class FlightLog:
             name = f"labr{topic.replace('/', '.')}"
             schema_id = self._writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
             channels[topic] = self._writer.register_channel(topic, "json", schema_id)
+
+        def add(topic: str, name: str, encoding: str, data: bytes) -> None:
+            schema_id = self._writer.register_schema(name, encoding, data)
+            channels[topic] = self._writer.register_channel(topic, encoding, schema_id)
+
+        self._viewers.register(add)
         return channels
 
     def _run(self) -> None:
@@ -275,6 +335,8 @@ class FlightLog:
                     )
                 if now_s >= flush_due_s:
                     self._writer.flush()
+                    self._stream.flush()
+                    os.fdatasync(self._stream.fileno())  # on the disk, not in memory that a power cut empties
                     flush_due_s = now_s + FLUSH_S
                 if stopping:
                     break
@@ -291,11 +353,17 @@ class FlightLog:
         with self._lock:
             return self._queue.popleft() if self._queue else None
 
-    def _write(self, topic: str, stamp_s: float, body: Callable[[], Body]) -> None:
-        message = _finite({"stamp_s": stamp_s, **body()})
-        log_ns = max(0, int((stamp_s + self._epoch_s) * 1e9)) if math.isfinite(stamp_s) else 0
-        data = json.dumps(message, allow_nan=False, separators=(",", ":")).encode()
-        self._writer.add_message(self._channels[topic], log_ns, data, log_ns)
+    def _write(
+        self, topic: str, stamp_s: float, body: Callable[[], Body] | None, also: Viewers = NONE
+    ) -> None:
+        utc_s = stamp_s + self._epoch_s if math.isfinite(stamp_s) else 0.0
+        log_ns = max(0, int(utc_s * 1e9))
+        if body is not None:
+            message = _finite({"stamp_s": stamp_s, **body()})
+            data = json.dumps(message, allow_nan=False, separators=(",", ":")).encode()
+            self._writer.add_message(self._channels[topic], log_ns, data, log_ns)
+        for name, make in also.items():
+            self._writer.add_message(self._channels[name], log_ns, make(utc_s), log_ns)
 
 
 def encode_depth(depth_m: Image) -> bytes:
@@ -318,7 +386,33 @@ def decode_depth(message: Mapping[str, Any]) -> Image:
 
 
 def read_log(path: Path) -> Iterator[tuple[str, Body]]:
-    """Messages (topic, body) in the order written, up to the end or to where the file is torn.
+    """JSON messages (topic, body) in the order written, up to the end or to where the file is torn.
+
+    Raises:
+        BadInput: when it is no MCAP file at all.
+    """
+    for topic, encoding, data in read_raw(path):
+        if encoding == "json":
+            yield topic, json.loads(data)
+
+
+def read_raw(path: Path) -> Iterator[tuple[str, str, bytes]]:
+    """Messages (topic, encoding, bytes) in the order written, up to the end or to where the file is torn.
+
+    Raises:
+        BadInput: when it is no MCAP file at all.
+    """
+    channels: dict[int, Channel] = {}
+    for record in records_of(path):
+        if isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Message) and record.channel_id in channels:
+            channel = channels[record.channel_id]
+            yield channel.topic, channel.message_encoding, record.data
+
+
+def records_of(path: Path) -> Iterator[McapRecord]:
+    """All records, up to the end or to where the file is torn.
 
     Raises:
         BadInput: when it is no MCAP file at all.
@@ -328,7 +422,6 @@ def read_log(path: Path) -> Iterator[tuple[str, Body]]:
     except OSError as error:
         raise BadInput(f"{path} cannot be read: {error.strerror}", "Check the path") from None
     with stream:
-        topics: dict[int, str] = {}
         records = StreamReader(stream, record_size_limit=RECORD_MAX_BYTES).records
         any_read = False
         while True:
@@ -341,10 +434,7 @@ def read_log(path: Path) -> Iterator[tuple[str, Body]]:
             if record is None:
                 return
             any_read = True
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            elif isinstance(record, Message) and record.channel_id in topics:
-                yield topics[record.channel_id], json.loads(record.data)
+            yield record
 
 
 def _key_points(points: KeyPoints | None) -> Body | None:

@@ -45,9 +45,10 @@ figcaption { font-size: 13px; color: var(--faint); font-variant-numeric: tabular
 .dot { display: inline-block; width: 9px; height: 9px; border-radius: 50%; background: var(--land); }
 .dot.air { background: var(--air); border-radius: 0; clip-path: polygon(50% 0, 100% 100%, 0 100%); }
 table { border-collapse: collapse; width: 100%; font-size: 14px; }
-th, td { padding: 4px 8px; border-bottom: 1px solid var(--line); vertical-align: top; }
-th { color: var(--faint); font-weight: 600; white-space: nowrap; }
-.word { text-align: left; } .figure { text-align: right; font-variant-numeric: tabular-nums; }
+th, td { padding: 4px 6px; border-bottom: 1px solid var(--line); vertical-align: top; }
+th { color: var(--faint); font-weight: 600; }
+.word { text-align: left; } td.figure { white-space: nowrap; }
+.figure { text-align: right; font-variant-numeric: tabular-nums; }
 @media print {
   @page { margin: 12mm; }
   body { background: #fff; font-size: 11pt; print-color-adjust: exact; -webkit-print-color-adjust: exact; }

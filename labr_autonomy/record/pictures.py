@@ -14,6 +14,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from labr_autonomy.frames import rotation_matrix
 from labr_autonomy.record.mcap_log import decode_depth
@@ -31,10 +32,11 @@ MU_LIMIT = 0.5  # from here on the network's path is not used
 TRACK_POINTS = 1500
 PLANS_DRAWN = 120
 DEPTH_SHOWN_M = 8.0
+NEAR_M = 0.6  # obstacles nearer to the way than this are told in the side view
 CELL_M = 0.1  # of the rolling map
 CELLS_MAX = 2000  # a side
 
-_STYLE = {
+STYLE = {
     "font.size": 9,
     "font.family": "DejaVu Sans",
     "text.color": INK,
@@ -56,7 +58,7 @@ def top_view(data: RunData) -> bytes | None:
     goals = list(_goals(data))
     if track is None and not goals:
         return None
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         extent = _extent(data, goals)
         aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
         figure = Figure(figsize=(9.0, min(8.0, max(3.2, 8.2 * aspect + 0.9))), layout="constrained")
@@ -87,7 +89,7 @@ def top_view(data: RunData) -> bytes | None:
         axes.legend(
             handles=_key(data), loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=6, frameon=False
         )
-        return _bytes(figure, "svg")
+        return figure_bytes(figure, "svg")
 
 
 def side_view(data: RunData) -> bytes | None:
@@ -98,10 +100,11 @@ def side_view(data: RunData) -> bytes | None:
     thin = _thinned(track)
     steps = np.hypot(*np.diff(thin.position_m[:, :2], axis=0).T)
     travelled = np.concatenate([[0.0], np.cumsum(steps)])
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.0, 2.4), layout="constrained")
         axes = figure.add_subplot()
         axes.axhspan(-0.5, 0.0, color="#eceff2", zorder=0)
+        _draw_near(axes, data, thin, travelled)
         axes.grid(True, axis="y", linewidth=0.6)
         heights = thin.position_m[:, 2]
         _draw_modes(axes, np.column_stack([travelled, heights]), thin.air, width=2.0)
@@ -116,40 +119,14 @@ def side_view(data: RunData) -> bytes | None:
         top = max(1.0, float(np.nanmax(heights)) * 1.15 + 0.15)
         axes.set(xlim=(0.0, max(float(travelled[-1]), 0.1)), ylim=(-0.08, top))
         axes.set(xlabel="distance travelled [m]", ylabel="height of the body [m]")
-        return _bytes(figure, "svg")
-
-
-def energy_curve(data: RunData) -> bytes | None:
-    """Joules spent in each mode over time, stacked; SVG."""
-    keys = ("energy_land_j", "energy_transition_j", "energy_air_j")
-    rows = [[m.get(k) for k in ("stamp_s", *keys)] for m in data.battery]
-    table = np.array([[math.nan if v is None else v for v in row] for row in rows], dtype=np.float64)
-    table = table[np.isfinite(table).all(axis=1)] if len(table) else table
-    if len(table) < 2:
-        return None
-    table = table[:: max(1, len(table) // 600)]
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(9.0, 2.6), layout="constrained")
-        axes = figure.add_subplot()
-        axes.grid(True, linewidth=0.6)
-        axes.set_axisbelow(True)
-        seconds, kilojoules = table[:, 0] - data.t0_s, table[:, 1:].T / 1000.0
-        names = ("on land", "take-off and landing", "in the air")
-        finals = [f"{name} {values[-1]:.2f} kJ" for name, values in zip(names, kilojoules, strict=True)]
-        axes.stackplot(
-            seconds, kilojoules, labels=finals, colors=(LAND, "#8e9aa8", AIR), alpha=0.88, linewidth=0
-        )
-        axes.set(xlim=(max(0.0, seconds[0]), seconds[-1]), xlabel="time [s]", ylabel="energy [kJ]")
-        axes.set_ylim(bottom=0.0)
-        axes.legend(loc="upper left", frameon=False)
-        return _bytes(figure, "svg")
+        return figure_bytes(figure, "svg")
 
 
 def depth_view(message: Mapping[str, Any], plan: Mapping[str, Any] | None) -> bytes:
     """A depth frame with the network's key points drawn in; PNG."""
     depth = decode_depth(message)
     height, width = depth.shape
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(3.2, 3.2 * height / width), dpi=150)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
@@ -160,7 +137,7 @@ def depth_view(message: Mapping[str, Any], plan: Mapping[str, Any] | None) -> by
         network = (plan or {}).get("network")
         if network and network.get("points_m"):
             _draw_key_points(axes, message, network)
-        return _bytes(figure, "png")
+        return figure_bytes(figure, "png")
 
 
 def project(message: Mapping[str, Any], points_m: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -216,6 +193,16 @@ def _draw_map(axes: Axes, cells_m: Array) -> None:
     image = np.ma.masked_equal(taken.T, False)
     extent = (low[0], top[0], low[1], top[1])
     axes.imshow(image, cmap=grey, origin="lower", extent=extent, interpolation="nearest", zorder=1)
+
+
+def _draw_near(axes: Axes, data: RunData, track: Track, travelled: Array) -> None:
+    """Where an obstacle of the map stands beside the way; its height is not known here."""
+    if data.occupied_xy_m is None:
+        return
+    distance, _ = cKDTree(data.occupied_xy_m).query(track.position_m[:, :2])
+    for first, last in _runs(distance < NEAR_M):
+        if distance[first] < NEAR_M:
+            axes.axvspan(travelled[first], travelled[last] + 0.02, ymax=0.16, color=OBSTACLE, zorder=1)
 
 
 def _draw_start(axes: Axes, data: RunData) -> None:
@@ -274,7 +261,8 @@ def _key(data: RunData) -> list[Line2D]:
     return entries
 
 
-def _bytes(figure: Figure, kind: str) -> bytes:
+def figure_bytes(figure: Figure, kind: str) -> bytes:
+    """A figure as a file."""
     out = io.BytesIO()
     figure.savefig(out, format=kind, metadata={"Date": None} if kind == "svg" else None)
     return out.getvalue()

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import base64
 import html
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from labr_autonomy.record import pictures
+from labr_autonomy.record import curves, pictures
 from labr_autonomy.record.page import PAGE
 from labr_autonomy.record.run_data import RunData, read_run
 
 DEPTH_FRAMES = 6
 EVENTS_MAX = 80
 PAIR_S = 0.3  # a plan belongs to a frame taken this near to its own; points are drawn from the frame's pose
+SIDE = f"Height of the body over the way; grey: obstacles within {pictures.NEAR_M} m of it."
+PLANNERS_SHOWN = 2
+MOVED_M = 0.1  # less than this in a mode is no leg of that mode
 OUTCOMES = {
     "success": ("good", "Mission accomplished"),
     "refused": ("warn", "Refused before it began"),
@@ -104,8 +108,9 @@ def _tiles(data: RunData) -> Iterator[str]:
 def _pictures(data: RunData) -> Iterator[str]:
     drawn = (
         ("Top view", "From above; the numbers are the mission's items.", pictures.top_view(data)),
-        ("Side view", "Height of the body over the distance travelled.", pictures.side_view(data)),
-        ("Energy", "What each mode has spent so far.", pictures.energy_curve(data)),
+        ("Side view", SIDE, pictures.side_view(data)),
+        ("Energy", "What each mode has spent so far.", curves.energy_curve(data)),
+        ("Battery", "Voltage (line), and the power drawn (area).", curves.battery_curve(data)),
     )
     for title, caption, svg in drawn:
         if svg is not None:
@@ -115,14 +120,16 @@ def _pictures(data: RunData) -> Iterator[str]:
 
 def _legs(data: RunData) -> str:
     rows = []
-    for leg in data.summary.get("legs") or ():
+    for i, leg in enumerate(data.summary.get("legs") or ()):
         goal = leg.get("goal_m")
         rows.append(
             (
                 str(int(leg.get("index", 0)) + 1),
                 str(leg.get("label", "")),
                 str(leg.get("outcome", "")),
-                ", ".join(f"{v:g}" for v in goal) if goal else "-",
+                ", ".join(f"{v:.2f}" for v in goal) if goal else "-",
+                _mode(leg),
+                _planned_by(data, i),
                 _figure(leg.get("start_s"), "", 1),
                 _figure(leg.get("duration_s"), "", 1),
                 _figure(leg.get("land_m"), "", 2),
@@ -136,6 +143,8 @@ def _legs(data: RunData) -> str:
         "item",
         "outcome",
         "goal [m]",
+        "mode",
+        "planned by",
         "begin [s]",
         "took [s]",
         "land [m]",
@@ -143,7 +152,25 @@ def _legs(data: RunData) -> str:
         "energy [J]",
         "error [m]",
     )
-    return _section("Legs", "", _table(heads, rows, words=4)) if rows else ""
+    return _section("Legs", "", _table(heads, rows, words=6)) if rows else ""
+
+
+def _mode(leg: dict[str, Any]) -> str:
+    """By which means a leg was travelled."""
+    modes = [name for name in ("land", "air") if (leg.get(f"{name}_m") or 0.0) > MOVED_M]
+    return " + ".join(modes) or "-"
+
+
+def _planned_by(data: RunData, index: int) -> str:
+    """Who proposed the paths of a leg, and in which share of its plans."""
+    ends = data.summary.get("leg_ends_mono_s") or ()
+    if index >= len(ends):
+        return "-"
+    end_s = float(ends[index])
+    begin_s = end_s - float(data.summary["legs"][index].get("duration_s") or 0.0)
+    sources = [str(p.get("source")) for p in data.plans if begin_s <= float(p["stamp_s"]) < end_s]
+    counted = Counter(sources).most_common(PLANNERS_SHOWN)
+    return ", ".join(f"{name}\u00a0{100.0 * n / len(sources):.0f}\u00a0%" for name, n in counted) or "-"
 
 
 def _depth_frames(data: RunData) -> str:
@@ -194,7 +221,9 @@ def _loops(data: RunData) -> str:
         values = data.summary.get(key)
         if isinstance(values, dict):
             rows.append((label, *(_figure(values.get(p), "", 1) for p in ("p50", "p99", "max"))))
-    return _section("Loops", "", _table(("[ms]", "p50", "p99", "max"), rows)) if rows else ""
+    drawn = curves.histograms(data)
+    picture = "" if drawn is None else _image(drawn, "image/svg+xml", "Histograms of the loops' latencies")
+    return _section("Loops", "", picture + _table(("[ms]", "p50", "p99", "max"), rows)) if rows else ""
 
 
 def _events(data: RunData) -> str:

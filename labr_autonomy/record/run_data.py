@@ -17,6 +17,7 @@ from labr_autonomy.record.summary import read_summary
 from labr_autonomy.types import Array
 
 MODE_AIR = "air"
+LATENCIES = ("tick_late_s", "plan_cycle_s", "setpoint_age_s")  # of latencies.npz, one value for each time
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,7 @@ class RunData:
     modes: list[dict[str, Any]] = field(default_factory=list)
     battery: list[dict[str, Any]] = field(default_factory=list)
     occupied_xy_m: Array | None = None  # (n, 2) odom
+    latencies_s: dict[str, Array] = field(default_factory=dict)  # by the names in LATENCIES
     notes: list[str] = field(default_factory=list)  # what could not be read
 
     @property
@@ -80,6 +82,7 @@ def read_run(run_dir: Path) -> RunData:
         data.notes.append("flight.mcap is missing")
     data.truth = _read_truth(run_dir / "truth.npz", data)
     data.occupied_xy_m = _read_map(run_dir / "map.npz", data)
+    data.latencies_s = _read_latencies(run_dir / "latencies.npz", data)
     return data
 
 
@@ -148,3 +151,9 @@ def _read_map(path: Path, data: RunData) -> Array | None:
         return None
     cells = np.asarray(arrays["occupied_xy"], dtype=np.float64)
     return cells if cells.ndim == 2 and cells.shape[1] == 2 and len(cells) else None
+
+
+def _read_latencies(path: Path, data: RunData) -> dict[str, Array]:
+    arrays = _load(path, data, *LATENCIES) or {}
+    found = {name: np.asarray(values, dtype=np.float64) for name, values in arrays.items()}
+    return {name: values[np.isfinite(values)] for name, values in found.items() if values.ndim == 1}

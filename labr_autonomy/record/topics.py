@@ -77,5 +77,10 @@ TOPICS: dict[str, Schema] = {
         scale_m={"const": 0.001},
         data={"type": "string", "contentEncoding": "base64"},
     ),
+    # what the operator's page shows (`mission.portrait`), for replay
+    "/console": {**_message(mode=_TEXT, why=_TEXT, stage=_TEXT, phase=_TEXT), "additionalProperties": True},
+    "/facts": {**_message(mission=_TEXT, run=_TEXT), "additionalProperties": True},
+    # the pilot's calls (`mission.recorded`), for replay --check
+    "/pilot": {**_message(call=_TEXT), "additionalProperties": True},
     "/recorder": _message(dropped={"type": "integer"}, queued={"type": "integer"}),
 }

@@ -104,7 +104,7 @@ def _bare_start_s():
 def test_only_commands_that_exist_are_listed():
     assert set(cli.main.commands) == {
         *("fly", "check", "sim", "bench", "report", "dataset", "train", "energy"),
-        *("params", "doctor", "wheels"),
+        *("params", "doctor", "wheels", "console", "replay"),
     }
 
 
@@ -203,6 +203,7 @@ def test_fly_hands_everything_over(mission, flown):
         "out_dir": Path("o"),
         "json_output": True,
         "quiet": True,
+        "console": None,
         "external": None,
         "relocate": None,
         "watch": None,

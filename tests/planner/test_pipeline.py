@@ -1,12 +1,14 @@
 """Depth image in, trajectory out: the whole planner in closed loop with an ideal robot, no processes."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import quaternion_from_rpy
+from labr_autonomy.perception.fields import Field2
 from labr_autonomy.planner.messages import Motion, PlanRequest
 from labr_autonomy.planner.pipeline import Pipeline
 from labr_autonomy.types import DepthFrame, Mode, Pose, Source
@@ -134,6 +136,38 @@ def test_without_a_frame_the_network_is_not_used(pipeline):
     result = pipeline.cycle(robot.request(1, 1.0, Mode.LAND, LAND_GOAL, False), None)
     assert result.network.mu == 1.0
     assert result.followed is None or result.followed.source is Source.SEARCH
+
+
+def blocks(*boxes):
+    """A plan of 10 m by 10 m about (0, 0), known all over, with solid boxes (x0, y0, x1, y1)."""
+    occupied = np.zeros((100, 100), bool)
+    for box in boxes:
+        x0, y0, x1, y1 = (round((v + 5.0) / 0.1) for v in box)
+        occupied[x0:x1, y0:y1] = True
+    return Field2.from_occupied(occupied, np.ones_like(occupied), np.array([-5.0, -5.0]), 0.1)
+
+
+ROOM = ((1.0, -2.0, 4.0, -1.8), (1.0, 1.8, 4.0, 2.0), (1.0, -2.0, 1.2, 2.0), (3.8, -2.0, 4.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("plan", "place", "answer"),
+    [
+        (blocks(), (3.0, 2.0), ""),
+        (blocks((1.0, -2.0, 4.0, 2.0)), (2.5, 0.0), "the place is in an obstacle, more than 0.5 m"),
+        (blocks(*ROOM), (2.5, 0.0), "the map shows no way there"),
+        (blocks(*ROOM), (-3.0, 2.0), ""),
+    ],
+)
+def test_a_place_is_looked_up_before_anybody_drives_there(pipeline, monkeypatch, plan, place, answer):
+    pipeline._memory.remember(plan.coarser(), np.array([0.0, 0.0]))
+    monkeypatch.setattr(pipeline._memory, "plan", lambda goal_m: plan.coarser())
+    request = Ideal((0.0, 0.0, 0.12)).request(1, 10.0, Mode.LAND, (1.0, 0.0, 0.12), False)
+    asked = replace(request, probe_m=np.array([*place, 0.0]))
+    assert pipeline._probe(request) is None
+    found = pipeline._probe(asked)
+    assert found.startswith(answer)
+    assert bool(found) == bool(answer)
 
 
 def test_without_the_network_the_map_alone_leads(eye):

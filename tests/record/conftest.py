@@ -72,8 +72,29 @@ def trajectory(t: float) -> Trajectory:
     return Trajectory(mode, T0_S + t, 0.1, points, zero, zero, flat, flat, flat)
 
 
+FACTS = {
+    "mission": "synthetic",
+    "run": "run",
+    "camera": {"fx": 106.0, "fy": 106.0, "cx": 106.0, "cy": 60.0, "x_m": 0.14, "z_m": 0.06},
+    "fences": [],
+}
+
+
+def console_state(t: float) -> dict:
+    phase = "flying" if flying(t) else "driving"
+    here, q = position(t).tolist(), pose(t).quaternion.tolist()
+    return {
+        "stamp_s": T0_S + t,
+        "mode": "AIR" if flying(t) else "LAND",
+        "phase": phase,
+        "pose": {"position_m": here, "quaternion": q, "yaw_rad": 0.0},
+    }
+
+
 def write_log(path: Path, *, length_s: float = LENGTH_S, rate_hz: float = 10.0, frames: int = 8) -> None:
     with FlightLog(path, metadata={"mission": "synthetic"}) as log:
+        log.facts(T0_S, FACTS)
+        log.pilot(T0_S, lambda: {"call": "begin", "now_s": T0_S})
         log.event(T0_S, "mission begins")
         log.mode(T0_S, "land", "driving")
         log.mode(T0_S + 20, "air", "taking off", "goal is in the air")
@@ -92,6 +113,9 @@ def write_log(path: Path, *, length_s: float = LENGTH_S, rate_hz: float = 10.0, 
             )
             mode = Mode.AIR if flying(t) else Mode.LAND
             log.setpoint(SetPoint(T0_S + t, mode, position(t), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.5))
+            if i % 10 == 0:
+                log.console(T0_S + t, console_state(t))
+                log.map(T0_S + t, np.array([[1.0 + t / 100, 2.0]]), 0.0)
             if i % 5 == 0:
                 log.link_ages(T0_S + t, {"air": 0.01, "ground": math.inf})
                 air_s = float(np.clip(t - 23, 0, 16))
@@ -140,6 +164,7 @@ def summary() -> Summary:
         seed=1,
         mission="first flight",
         start_m=(-5.5, -3.0, 0.12),
+        extra={"leg_ends_mono_s": [T0_S + 19, T0_S + 38, T0_S + 60]},
         legs=[
             Leg(0, "goto far_corner", "done", 0.0, 19.0, (-2.3, -0.8), 4.1, 0.0, 1596.0, 0.21),
             Leg(1, "goto lookout", "done", 19.0, 19.0, (1.0, -2.1, 1.5), 0.3, 4.2, 11000.0, 0.18),
@@ -162,6 +187,8 @@ def whole_run(tmp_path_factory) -> Path:
         quaternion=np.tile([1.0, 0, 0, 0], (len(t), 1)),
         mode=np.array(["air" if flying(s) else "land" for s in t]),
     )
+    late = np.random.default_rng(2).gamma(2.0, 0.01, 500)
+    np.savez(run / "latencies.npz", tick_late_s=late / 20, plan_cycle_s=late * 3, setpoint_age_s=late * 5)
     rng = np.random.default_rng(1)
     boxes = np.round(rng.uniform([-6, -4.5], [6, 4.5], (14, 2)), 1)
     side = np.linspace(-0.4, 0.4, 9)  # 0.1 m cells, as of the map

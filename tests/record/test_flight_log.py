@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 
 from labr_autonomy.config import Camera
 from labr_autonomy.errors import BadInput
-from labr_autonomy.record import mcap_log
+from labr_autonomy.record import foxglove, mcap_log
 from labr_autonomy.record.mcap_log import FlightLog, decode_depth, encode_depth, read_log
 from labr_autonomy.record.topics import TOPICS
 from labr_autonomy.types import DepthFrame, Intrinsics, Pose
@@ -31,7 +31,7 @@ def test_every_topic_comes_back_and_fits_its_schema(whole_run):
     for topic, message in read_log(whole_run / "flight.mcap"):
         seen[topic] = seen.get(topic, 0) + 1
         schema = TOPICS[topic]
-        assert set(message) <= set(schema["properties"]), topic
+        assert schema.get("additionalProperties") or set(message) <= set(schema["properties"]), topic
         assert set(schema["required"]) <= set(message)
     assert set(seen) == set(TOPICS) - {"/recorder"}
     assert seen["/odometry"] == 600
@@ -41,8 +41,8 @@ def test_other_readers_find_an_index_and_schemas(whole_run):
     with (whole_run / "flight.mcap").open("rb") as stream:
         reader = make_reader(stream)
         summary = reader.get_summary()
-        assert {c.topic for c in summary.channels.values()} == set(TOPICS)
-        assert all(s.encoding == "jsonschema" for s in summary.schemas.values())
+        assert {c.topic for c in summary.channels.values()} == set(TOPICS) | set(foxglove.TOPICS)
+        assert {s.encoding for s in summary.schemas.values()} == {"jsonschema", "protobuf"}
         assert sum(1 for _ in reader.iter_messages(topics=["/setpoint"])) == 600
 
 
@@ -193,3 +193,20 @@ def test_depth_survives_to_the_millimetre_and_is_thinned_in_time(tmp_path):
 
 def test_depth_beyond_sixteen_bits_is_clipped():
     assert encode_depth(np.full((2, 2), 500.0, np.float32))[:4] == b"\x89PNG"
+
+
+def test_what_was_flushed_is_on_the_disk(tmp_path, monkeypatch):
+    path = tmp_path / "a.mcap"
+    synced = threading.Event()
+    real = os.fdatasync
+
+    def noticed(number):
+        real(number)
+        if texts(path) == ["first"]:  # readable by others at the moment it is asked for
+            synced.set()
+
+    monkeypatch.setattr(os, "fdatasync", noticed)
+    monkeypatch.setattr(mcap_log, "FLUSH_S", 0.05)
+    with FlightLog(path) as log:
+        log.event(1.0, "first")
+        assert synced.wait(10)

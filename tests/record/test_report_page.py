@@ -49,7 +49,17 @@ def page(whole_run):
 
 
 def test_the_report_holds_every_part(page):
-    parts = ["Top view", "Side view", "Energy", "Legs", "Depth frames", "Loops", "What happened", "Made with"]
+    parts = [
+        "Top view",
+        "Side view",
+        "Energy",
+        "Battery",
+        "Legs",
+        "Depth frames",
+        "Loops",
+        "What happened",
+        "Made with",
+    ]
     assert page.heads == parts
     text = " ".join(page.words)
     for words in (
@@ -58,9 +68,11 @@ def test_the_report_holds_every_part(page):
         "goto far_corner",
         "0.81, not used",
         "seed 1",
+        "gkpn\u00a067\u00a0%, search\u00a033\u00a0%",
+        "land + air",
     ):
         assert words in text
-    assert len(page.images) == 3 + 6
+    assert len(page.images) == 5 + 6
 
 
 def test_the_report_opens_offline(page):

@@ -1,0 +1,1 @@
+"""A recorded flight, decided upon again and compared."""
