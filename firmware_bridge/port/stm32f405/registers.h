@@ -34,6 +34,13 @@
 #define RCC_APB2_USART1 (1u << 4)
 #define RCC_APB2_ADC1 (1u << 8)
 
+// Give devices their clock. A device ignores writes in the first cycles of its bus after that (errata sheet
+// ES0182, "Delay after an RCC peripheral clock enabling"); reading the register back is long enough.
+static inline void clock_to(volatile uint32_t *enable, uint32_t devices) {
+    *enable |= devices;
+    (void)*enable;
+}
+
 // Pins
 typedef struct {
     volatile uint32_t MODER, OTYPER, OSPEEDR, PUPDR, IDR, ODR, BSRR, LCKR, AFRL, AFRH;
