@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 
-from firmware_bridge.dialect.labr_land import LAND_MODE_ESTOP
 from labr_autonomy.air.channel import AirChannel
 from labr_autonomy.air.parameters import Row, compare, wanted
 from labr_autonomy.clock import SystemClock
@@ -16,7 +15,6 @@ from labr_autonomy.config import RobotConfig
 from labr_autonomy.doctor.finding import Finding, failed, good, note, wrong
 from labr_autonomy.errors import LabrError
 from labr_autonomy.ground.channel import GroundChannel
-from labr_autonomy.ground.words import mode_word
 
 OPEN_S = 3.0
 CONNECT_S = 5.0
@@ -71,7 +69,7 @@ async def _land_parameters(channel: GroundChannel, config: RobotConfig) -> list[
 def _land_state(channel: GroundChannel) -> Finding:
     state = channel.state
     text = f"{state.mode}, battery {state.battery_v:.1f} V, wheels {'' if state.wheel_load else 'not '}loaded"
-    if state.mode == mode_word(LAND_MODE_ESTOP):
+    if state.estop:
         do = "Release it: labr-mission wheels --robot FILE --release-estop."
         return wrong("ground", "state", text, do)
     if state.faults:
