@@ -19,6 +19,7 @@ MAP_FIXED_NOREPLACE = 0x100000
 GPIOA, GPIOB, GPIOC = 0x4002_0000, 0x4002_0400, 0x4002_0800
 TIM3, TIM4, TIM8, ADC1, IWDG = 0x4000_0400, 0x4000_0800, 0x4001_0400, 0x4001_2000, 0x4000_3000
 CNT, CCR1, BDTR = 0x24, 0x34, 0x44
+RCC_CSR, SOFTWARE_RESET, WATCHDOG_RESET = 0x4002_3874, 1 << 28, 1 << 29
 IDR, AFRL, AFRH = 0x10, 0x20, 0x24
 STEPS = 8400
 INPUT, OUTPUT, ALTERNATE, ANALOGUE = 0, 1, 2, 3
@@ -65,6 +66,16 @@ class Inputs(ctypes.Structure):
         *((name, ctypes.c_int32) for name in ("left_ticks", "right_ticks")),
         ("sampled_ms", ctypes.c_uint32),
         *((n, ctypes.c_bool) for n in ("wheel_load", "rotors_possible", "driver_fault", "estop_pressed")),
+    ]
+
+
+class Boot(ctypes.Structure):
+    _fields_ = [
+        ("boot_count", ctypes.c_uint32),
+        ("estop", ctypes.c_bool),
+        ("reset_cause", ctypes.c_uint8),
+        ("serial", ctypes.c_char_p),
+        ("params", ctypes.c_void_p),
     ]
 
 
@@ -180,3 +191,26 @@ def test_the_watchdog_is_set_to_100_ms_and_fed(chip):
     memory[IWDG] = 0
     library.watchdog_feed()
     assert memory[IWDG] == 0xAAAA
+
+
+def booted(chip, reset: int) -> Boot:
+    memory, library = chip
+    memory[RCC_CSR] = reset
+    boot = Boot()
+    library.keep_load(ctypes.byref(boot))
+    return boot
+
+
+@pytest.mark.parametrize("reset", [WATCHDOG_RESET, SOFTWARE_RESET])
+def test_what_was_kept_outlives_a_reset_and_counts_as_a_stop_when_it_was_damaged(chip, reset):
+    memory, _ = chip
+    first = booted(chip, 0)  # the power came; whatever the memory holds by chance
+    assert (first.boot_count, first.estop) == (1, False)
+    again = booted(chip, reset)
+    assert (again.boot_count, again.estop) == (2, False)
+    memory[build.KEPT_AT + 4] ^= 1
+    damaged = booted(chip, reset)
+    assert (damaged.boot_count, damaged.estop) == (1, True)
+    assert booted(chip, reset).estop
+    memory[build.KEPT_AT + 4] ^= 1
+    assert not booted(chip, 0).estop
