@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from firmware_bridge.dialect import labr_land as dialect
-from labr_autonomy.ground.words import fault_words, mode_word
+from labr_autonomy.ground.words import LATCHED, fault_words, mode_word
 
 STALE_S = 0.3  # telemetry older than this is not called connected: 15 missing frames
 
@@ -31,6 +31,11 @@ class GroundState:
     def estop(self) -> bool:
         """The emergency stop is latched, by the newest word of the controller."""
         return self.mode == mode_word(dialect.LAND_MODE_ESTOP)
+
+    @property
+    def latched(self) -> tuple[str, ...]:
+        """Faults of the wheels that the controller keeps until the computer lets go, in words."""
+        return tuple(word for word in self.faults if word in LATCHED)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,16 @@ FAULTS = {
     wire.LAND_FAULT_DRIVER: "motor driver fault",
 }
 
+LATCHED = frozenset(  # until the computer lets go
+    FAULTS[fault]
+    for fault in (
+        wire.LAND_FAULT_WHEEL_STALL,
+        wire.LAND_FAULT_WHEEL_RUNAWAY,
+        wire.LAND_FAULT_OVERCURRENT,
+        wire.LAND_FAULT_DRIVER,
+    )
+)
+
 RESULTS = {
     wire.LAND_RESULT_OK: "accepted",
     wire.LAND_RESULT_SESSION: "the session is not the open one",

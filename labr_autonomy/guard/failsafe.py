@@ -37,6 +37,7 @@ class Health:
     taken_over: str  # why the autopilot no longer follows us, "" while it does
     battery_left: float  # 0..1
     battery_reserve: float  # 0..1
+    wheel_fault: str = ""  # why the wheels have to rest, "" while they need not
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +115,13 @@ TABLE: tuple[Row, ...] = (
         Reaction.HOLD,
         Reaction.NONE,
         lambda h: "emergency stop is latched on the land controller",
+    ),
+    Row(
+        "wheel-fault",
+        lambda h: bool(h.wheel_fault),
+        Reaction.HOLD,
+        Reaction.NONE,
+        lambda h: h.wheel_fault,
     ),
     Row(
         "battery",

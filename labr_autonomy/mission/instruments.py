@@ -53,6 +53,7 @@ def look(
         ),
         battery_left=1.0 if air.battery_remaining is None else air.battery_remaining,
         battery_reserve=config.energy.reserve,
+        wheel_fault=pilot.wheel_fault(ground.latched, now_s),
     )
     return Look(
         odometry=poses.predicted(now_s),

@@ -16,7 +16,7 @@ import numpy as np
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import yaw_of
 from labr_autonomy.ground.tracking import LOST_M, follow
-from labr_autonomy.guard import failsafe, takeover
+from labr_autonomy.guard import failsafe, takeover, wheel_faults
 from labr_autonomy.guard.failsafe import Reaction
 from labr_autonomy.guard.fence import Zone
 from labr_autonomy.guard.setpoint import check_setpoint
@@ -126,6 +126,7 @@ class Pilot:
         self._now_s = self._before_s = 0.0
         self._commanded_land = False
         self._takeover = takeover.State()
+        self._wheel_faults = wheel_faults.State()
         self._restarts_seen = 0  # of the autopilot, while it stood
         self.take_off_m = 0.0  # height above the floor that a take-off by command climbs to
         self._guard_said_s: dict[str, float] = {}
@@ -175,6 +176,16 @@ class Pilot:
             flying, mode, intended, critical, self._commanded_land, restarts > self._restarts_seen, resumes
         )
         self._takeover, sentence = takeover.step(self._takeover, inputs, now_s)
+        return sentence
+
+    def wheel_fault(self, latched: tuple[str, ...], now_s: float) -> str:
+        """Why the wheels have to rest, "" while they need not.
+
+        Args:
+            latched: Faults that the land controller keeps until it is told to let go, in words.
+            now_s: The present.
+        """
+        self._wheel_faults, sentence = wheel_faults.step(self._wheel_faults, latched, now_s)
         return sentence
 
     def load(self, mission: Sequence[Step], zones: Sequence[Zone]) -> None:

@@ -18,6 +18,7 @@ BREAK = {
     "ground-late": {"ground_age_s": 0.4},
     "air-late": {"air_age_s": 3.0},
     "estop": {"estop": True},
+    "wheel-fault": {"wheel_fault": "wheel stalled; resting 2 s before try 2 of 3"},
     "battery": {"battery_left": 0.1},
     "taken-over": {"taken_over": "somebody else took over: the autopilot is in land"},
 }

@@ -20,7 +20,9 @@ def seen(land_mode: int):
     """A look at a robot on its wheels whose land controller is in `land_mode`."""
     names = wire.MAVLink_land_state_message.fieldnames
     message = wire.MAVLink_land_state_message(**{name: land_mode * (name == "mode") for name in names})
-    pilot = SimpleNamespace(mode=Mode.LAND, planning_mode=None, taken_over=lambda *_, **__: "")
+    pilot = SimpleNamespace(
+        mode=Mode.LAND, planning_mode=None, taken_over=lambda *_, **__: "", wheel_fault=lambda *_: ""
+    )
     poses = SimpleNamespace(
         ages=lambda _: {"vio_accepted": 0.02}, predicted=lambda _: None, vio_rejected_in_a_row=0
     )
