@@ -73,6 +73,8 @@ class Desk:
         self._looked_s = -math.inf
         self._pause_after: Step | None = None
         self._probe: tuple[Request, Step, float] | None = None
+        self._probe_sent: int | None = None  # the plan request that first carried it
+        self._ages_s: Mapping[str, float] = {}
         self._events: deque[tuple[int, float, str]] = deque(maxlen=EVENTS_KEPT)
         self._said = 0
         self._trail: deque[tuple[float, float, float, float]] = deque(maxlen=TRAIL_MAX)
@@ -116,6 +118,7 @@ class Desk:
         if self.stage is Stage.RUNNING:
             self.stage = Stage.PAUSED
             self._say("operator: hold (again to land and stop)")
+            self._forget_probe("the operator said hold at the terminal")
         else:
             self.end()
 
@@ -128,13 +131,12 @@ class Desk:
     # ------------------------------------------------------------------ requests
     def poll(self, estimate: Odometry | None, ages_s: Mapping[str, float], now_s: float) -> bool:
         """Carry out what was asked since the last tick; True when anything was."""
+        self._ages_s = ages_s
         self.lease, said = admission.expire(self.lease, now_s)
         if said:
             self._say(said)
         if self._probe is not None and now_s - self._probe[2] > PROBE_S:
-            request, _, _ = self._probe
-            self._probe = None
-            self._settle(request, f"the planner did not answer within {PROBE_S:g} s; try again")
+            self._forget_probe(f"the planner did not answer within {PROBE_S:g} s; try again")
         asked = self._new_requests(now_s)
         for message in asked:
             try:
@@ -146,6 +148,8 @@ class Desk:
                 self._say(outcome.say)
             if outcome.act is not None:
                 self._carry_out(outcome.act, estimate, ages_s, now_s)
+        if self._probe is not None and self._probe[0].page != self.lease.holder:
+            self._forget_probe("the page that asked has lost control")
         return bool(asked)
 
     def _new_requests(self, now_s: float) -> list[Body]:
@@ -175,6 +179,7 @@ class Desk:
         if refusal:
             self._settle(request, refusal)
             return
+        self._forget_probe(f"{request.kind.value} came before the planner's answer")
         if request.kind is Kind.GOTO:
             self._go_to(request, now_s)
             return
@@ -224,8 +229,14 @@ class Desk:
         if z is not None:  # the map's ways are on the floor; in the air the planner finds out
             self._begin_going(request, step, now_s)
             return
-        self._probe = (request, step, now_s)
+        self._probe, self._probe_sent = (request, step, now_s), None
         self._settle(request, asked=True)
+
+    def _forget_probe(self, why: str) -> None:
+        """A place that is still being asked about is not gone to any more: what came since counts."""
+        if self._probe is not None:
+            request, self._probe = self._probe[0], None
+            self._settle(request, why)
 
     def _begin_going(self, request: Request, step: Step, now_s: float) -> None:
         self._pilot.insert([step], now_s)
@@ -235,7 +246,11 @@ class Desk:
 
     def with_probe(self, request: PlanRequest) -> PlanRequest:
         """The planner's next request, with the place that the operator asks about."""
-        return request if self._probe is None else replace(request, probe_m=self._probe[1].goal_m)
+        if self._probe is None:
+            return request
+        if self._probe_sent is None:
+            self._probe_sent = request.sequence
+        return replace(request, probe_m=self._probe[1].goal_m)
 
     def take_plan(self, result: PlanResult, now_s: float) -> None:
         """A plan came back, perhaps with the answer about a place."""
@@ -244,10 +259,13 @@ class Desk:
             self._cells = result.map_xy_m
         if result.probe is None or self._probe is None:
             return
+        if self._probe_sent is None or result.sequence < self._probe_sent:
+            return  # the answer about a place that was asked for before
         request, step, _ = self._probe
         self._probe = None
-        if result.probe or self.stage in (Stage.WAITING, Stage.ENDING):
-            self._settle(request, result.probe or "the mission is coming to its end")
+        _, refusal = operator.step(self.stage, request.kind, self._ages_s)  # as things stand now
+        if refusal or result.probe:
+            self._settle(request, refusal or result.probe)
         else:
             self._begin_going(request, step, now_s)
 

@@ -91,6 +91,12 @@ class Rig:
         last = self.desk.lease.answers[-1]
         return last.verdict, last.reason
 
+    def send_probe(self, sequence):
+        motion = Motion(self.place, np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0)
+        pose = self.odometry().pose
+        request = PlanRequest(sequence, 1, pose, pose, 0.0, motion, Mode.LAND, np.zeros(3), False, 0.0, 1.0)
+        return self.desk.with_probe(request)
+
     def show(self):
         return self.desk.show(self.actions, self.odometry(), self.ages, GROUND, AIR, True, self.now_s)
 
@@ -189,15 +195,12 @@ def test_a_click_outside_the_fence_is_refused_with_the_distance(begun):
 
 def test_a_click_is_asked_of_the_planner_and_then_driven_to(begun):
     assert begun.ask(Kind.GOTO, (2.0, 1.0, None))[0] == "asked"
-    motion = Motion(begun.place, np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0)
-    pose = begun.odometry().pose
-    request = PlanRequest(1, 1, pose, pose, 0.0, motion, Mode.LAND, np.zeros(3), False, 0.0, 1.0)
-    assert begun.desk.with_probe(request).probe_m[:2].tolist() == [2.0, 1.0]
+    assert begun.send_probe(1).probe_m[:2].tolist() == [2.0, 1.0]
     begun.desk.take_plan(plan(probe=""), begun.now_s)
     assert begun.answer()[0] == "accepted"
     begun.tick()
     assert begun.actions.step.label == "go to (2.0, 1.0) (operator)"
-    assert begun.desk.with_probe(request) is request
+    assert begun.send_probe(2).probe_m is None
     begun.place[:2] = (2.0, 1.0)
     begun.tick(40)
     assert begun.desk.stage is Stage.PAUSED  # there it stays until the operator says so
@@ -207,10 +210,51 @@ def test_a_click_is_asked_of_the_planner_and_then_driven_to(begun):
 
 def test_a_click_without_a_way_is_refused_with_the_planners_reason(begun):
     begun.ask(Kind.GOTO, (2.0, 1.0, None))
+    begun.send_probe(1)
     begun.desk.take_plan(plan(probe="the map shows no way there"), begun.now_s)
     assert begun.answer() == ("refused", "the map shows no way there")
     begun.tick()
     assert begun.actions.step is FIRST
+
+
+@pytest.mark.parametrize(
+    ("meanwhile", "stage"),
+    [
+        (lambda rig: rig.ask(Kind.PAUSE), Stage.PAUSED),
+        (lambda rig: rig.ask(Kind.LAND), Stage.RUNNING),
+        (lambda rig: rig.ask(Kind.RETURN), Stage.RUNNING),
+        (lambda rig: rig.ask(Kind.ABORT, page="B"), Stage.ENDING),
+        (lambda rig: rig.ask(Kind.TAKE, page="B"), Stage.RUNNING),
+        (lambda rig: rig.ask(Kind.RELEASE), Stage.RUNNING),
+        (lambda rig: rig.desk.interrupt(), Stage.PAUSED),
+        (lambda rig: (rig.ages.update(vio=0.8), rig.tick()), Stage.RUNNING),
+    ],
+    ids=["pause", "land", "return", "abort", "taken over", "given back", "ctrl-c", "stale link"],
+)
+def test_what_happens_before_the_planner_answers_overrules_the_click(begun, meanwhile, stage):
+    begun.ask(Kind.GOTO, (2.0, 1.0, None))
+    asked = begun.sequence
+    begun.send_probe(1)
+    meanwhile(begun)
+    begun.desk.take_plan(plan(probe=""), begun.now_s)
+    assert begun.desk.stage is stage
+    assert "go to (2.0, 1.0) (operator)" not in [s.label for s in begun.pilot.mission]
+    (answer,) = (a for a in begun.desk.lease.answers if a.sequence == asked)
+    assert answer.verdict == "refused"
+    assert answer.reason
+
+
+def test_the_answer_about_one_place_is_not_taken_for_another(begun):
+    begun.ask(Kind.GOTO, (2.0, 1.0, None))
+    begun.send_probe(7)
+    begun.ask(Kind.GOTO, (2.0, -1.0, None))
+    begun.desk.take_plan(plan(7, probe=""), begun.now_s)
+    assert begun.answer()[0] == "asked"
+    begun.send_probe(8)
+    begun.desk.take_plan(plan(7, probe=""), begun.now_s)
+    assert begun.answer()[0] == "asked"
+    begun.desk.take_plan(plan(8, probe="the map shows no way there"), begun.now_s)
+    assert begun.answer() == ("refused", "the map shows no way there")
 
 
 def test_a_planner_that_does_not_answer_is_not_waited_for(begun):
