@@ -39,7 +39,7 @@ class JsonWriter:
         """Publish one object; returns its number.
 
         Raises:
-            BadInput: when it is larger than the slot.
+            BadInput: when it is larger than the slot, or holds a figure that is not finite.
         """
         data = encode(message)
         if len(data) > self._size_max:
@@ -103,8 +103,15 @@ def exists(name: str) -> bool:
 
 
 def encode(value: Body) -> bytes:
-    """Compact JSON; figures that are not finite must have been made null."""
-    return json.dumps(value, allow_nan=False, separators=(",", ":")).encode()
+    """Compact JSON.
+
+    Raises:
+        BadInput: when a figure is not finite; it must have been made null.
+    """
+    try:
+        return json.dumps(value, allow_nan=False, separators=(",", ":")).encode()
+    except ValueError as error:
+        raise BadInput(f"a message for shared memory is not JSON: {error}") from None
 
 
 def decode(data: bytes) -> Body:

@@ -83,6 +83,7 @@ class Desk:
         self._plan: PlanResult | None = None
         self._checks: list[Check] = []
         self._outcome = ""
+        self._unshown = False
         self.note = ""
 
     # ------------------------------------------------------------------ opening and closing
@@ -336,7 +337,12 @@ class Desk:
             outcome=self._outcome,
         )
         if self._state is not None:
-            self._state.write(state)
+            try:
+                self._state.write(state)
+            except BadInput as error:  # the page's links turn red, and the flight goes on
+                if not self._unshown:
+                    self._say(f"the console is not shown the newest state: {error.what}")
+                self._unshown = True
         return state
 
     def show_map(self) -> None:

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -292,6 +293,30 @@ def test_the_shown_state_reaches_a_reader_and_is_small(begun):
     assert state["energy"]["left_j"] == pytest.approx(0.75 * CONFIG.energy.pack_j)
     assert state["energy"]["needed_j"] > 0
     reader.close()
+
+
+def test_the_longest_mission_is_shown_around_the_present_step(begun):
+    steps = [Step(StepKind.GOTO, f"goto (-12.25, {i}.125)", np.array([-12.253, i, 1.2])) for i in range(500)]
+    begun.pilot.load(steps, [FENCE])
+    for i in range(40):
+        begun.desk.noted(f"event {i}: {'many words ' * 100}", begun.now_s)
+    for index, first in ((0, 0), (30, 20), (499, 440)):
+        begun.pilot.steps = replace(begun.pilot.steps, index=index)
+        shown = begun.show()
+        assert (shown["steps_first"], shown["steps_total"], len(shown["steps"])) == (first, 500, 60)
+        assert [s["state"] for s in shown["steps"]].index("now") == index - first
+    reader = JsonReader(names.state_slot(os.getpid()))
+    assert reader.newest()[1]["leg"] == 499
+    assert not any("not shown" in sentence for sentence in begun.said)
+    reader.close()
+
+
+def test_a_state_that_cannot_be_shown_is_said_once_and_ends_nothing(begun):
+    for mode in ("x" * names.STATE_MAX, math.nan):
+        begun.desk.ended(mode)
+        begun.show()
+    begun.tick()
+    assert sum("not shown" in sentence for sentence in begun.said) == 1
 
 
 def test_a_figure_that_is_not_one_becomes_null(begun):
