@@ -7,12 +7,11 @@ that reads a short history sees what the ring still holds.
 from __future__ import annotations
 
 import json
-import os
 import struct
 from pathlib import Path
 from typing import Any
 
-from labr_autonomy.errors import BadInput, LinkError
+from labr_autonomy.errors import BadInput
 from labr_autonomy.perception.shared_ring import RingReader, RingWriter
 
 _LENGTH = struct.Struct("=I")
@@ -64,8 +63,7 @@ class JsonReader:
 
     def __init__(self, name: str, timeout_s: float = 0.0) -> None:
         self._name = name
-        self._ring = RingReader(name, timeout_s, "slot")
-        _own(name)
+        self._ring = RingReader(name, timeout_s, "slot", own=True)
         self._last = 0
 
     @property
@@ -132,10 +130,3 @@ def decode(data: bytes) -> Body:
 def _content(payload: bytes) -> Body:
     (length,) = _LENGTH.unpack_from(payload)
     return decode(payload[_LENGTH.size : _LENGTH.size + length])
-
-
-def _own(name: str) -> None:
-    """Another user may have taken the name first, and must not be obeyed."""
-    owner = (_FOLDER / name).stat().st_uid
-    if owner != os.getuid():
-        raise LinkError(f"shared memory '{name}' belongs to user {owner}", "Remove it as that user")
