@@ -21,7 +21,7 @@ from nicegui.events import GenericEventArguments
 from labr_autonomy.clock import Clock
 from labr_autonomy.console.access import Access
 from labr_autonomy.console.feed import Feed, Seen
-from labr_autonomy.console.requests import Kind, Request, parse
+from labr_autonomy.console.requests import Kind, Request, finite, parse
 from labr_autonomy.errors import BadInput
 
 PAGE = Path(__file__).parent / "page"
@@ -132,7 +132,7 @@ class Pages:
     def _replay(self, session: Session, event: GenericEventArguments) -> None:
         fields = _fields(event)
         value = fields.get("value")
-        figure = float(value) if isinstance(value, (int, float)) and math.isfinite(value) else None
+        figure = float(value) if finite(value) else None
         if session.role == "operator":
             self._feed.replay(str(fields.get("command")), figure)
 

@@ -120,6 +120,12 @@ def test_a_viewer_asks_nothing_and_replays_nothing(pages):
     assert pages.feed.asked == []
 
 
+@pytest.mark.parametrize("value", [10**400, "1", True, float("nan")])
+def test_a_figure_that_is_none_moves_no_recording(pages, value):
+    pages._replay(session(pages), said(command="seek", value=value))
+    assert pages.feed.asked == [("seek", None)]
+
+
 def test_a_page_cannot_speak_for_another(pages):
     page = session(pages)
     pages._ask(page, said(sequence=1, kind="pause", stamp_s=1.0, page="FFFF"))
