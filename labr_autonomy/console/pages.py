@@ -20,14 +20,14 @@ from nicegui.events import GenericEventArguments
 
 from labr_autonomy.clock import Clock
 from labr_autonomy.console.access import Access
+from labr_autonomy.console.admission import LEASE_S
 from labr_autonomy.console.feed import Feed, Seen
 from labr_autonomy.console.requests import Kind, Request, finite, parse
 from labr_autonomy.errors import BadInput
 
 PAGE = Path(__file__).parent / "page"
 PUSH_S = 0.05
-KEEP_S = 1.0  # how often the executive hears that the page with control is alive
-ALIVE_S = 3.0  # a page that said nothing for this long is not
+KEEP_S = 1.0  # how often the executive hears when the page with control was last heard
 REQUESTS_PER_S = 8.0  # of one page; an abort is never refused
 BURST = 12.0
 TRIES_MAX = 10  # wrong tokens of one page
@@ -162,8 +162,9 @@ class Pages:
             return
         self._keep_due_s = now_s + KEEP_S
         for session in self._sessions.values():
-            if session.role == "operator" and now_s - session.heard_s < ALIVE_S:
-                self._feed.ask(Request(session.name, max(1, session.last_asked), Kind.KEEP, now_s))
+            if session.role == "operator" and now_s - session.heard_s < LEASE_S:
+                number = max(1, session.last_asked)
+                self._feed.ask(Request(session.name, number, Kind.KEEP, session.heard_s))
 
 
 def _fields(event: GenericEventArguments) -> dict[str, Any]:

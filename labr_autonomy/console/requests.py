@@ -19,7 +19,7 @@ class Kind(enum.Enum):
 
     TAKE = "take"  # control of the robot, from whoever has it
     RELEASE = "release"
-    KEEP = "keep"  # the page that has control is alive
+    KEEP = "keep"  # the page that has control was alive at the stamp
     START = "start"
     PAUSE = "pause"
     RESUME = "resume"
@@ -37,7 +37,7 @@ class Request:
     page: str  # which browser tab asks
     sequence: int  # rises with every request of that page
     kind: Kind
-    stamp_s: float  # stamp of the state the operator was looking at, plus the time since
+    stamp_s: float  # stamp of the state the operator was looking at, plus the time since; CLOCK_MONOTONIC
     goal_m: tuple[float, float, float | None] | None = None  # odom; z above the floor, None on the floor
 
     def as_dict(self) -> dict[str, Any]:
