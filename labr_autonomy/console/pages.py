@@ -86,7 +86,7 @@ class Pages:
         """Fill a new page."""
         ui.query(".nicegui-content").classes(remove="q-pa-md")
         cockpit = Cockpit()
-        session = Session(secrets.token_hex(2).upper(), cockpit, client)
+        session = Session(self._new_name(), cockpit, client)
         self._sessions[client.id] = session
         cockpit.on("hello", lambda event: self._hello(session, event))
         cockpit.on("seen", lambda event: self._saw(session, event))
@@ -94,6 +94,11 @@ class Pages:
         cockpit.on("replay", lambda event: self._replay(session, event))
         client.on_connect(lambda: self._connected(session))
         client.on_delete(lambda: self._sessions.pop(client.id, None))
+
+    def _new_name(self) -> str:
+        """Four digits that no open page has: control goes by them."""
+        taken = {session.name for session in self._sessions.values()}
+        return next(n for n in iter(lambda: secrets.token_hex(2).upper(), "") if n not in taken)
 
     # ------------------------------------------------------------------ what pages say
     def _connected(self, session: Session) -> None:

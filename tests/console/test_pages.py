@@ -126,6 +126,13 @@ def test_a_figure_that_is_none_moves_no_recording(pages, value):
     assert pages.feed.asked == [("seek", None)]
 
 
+def test_no_two_open_pages_have_one_name(pages, monkeypatch):
+    session(pages)
+    drawn = iter(["ab12", "ab12", "cd34"])
+    monkeypatch.setattr("secrets.token_hex", lambda _: next(drawn))
+    assert pages._new_name() == "CD34"
+
+
 def test_a_page_cannot_speak_for_another(pages):
     page = session(pages)
     pages._ask(page, said(sequence=1, kind="pause", stamp_s=1.0, page="FFFF"))
