@@ -129,6 +129,12 @@ def test_the_map_comes_across_and_a_large_one_is_thinned(name):
         writer.close()
 
 
+def test_a_flight_that_ends_while_it_is_looked_for_is_none(tmp_path, monkeypatch):
+    (tmp_path / names.state_slot(os.getpid())).symlink_to(tmp_path / "gone")
+    monkeypatch.setattr(names, "_FOLDER", tmp_path)
+    assert names.running() == []
+
+
 def test_only_flights_that_run_are_found():
     writer = JsonWriter(names.state_slot(os.getpid()), {}, 100, 4)
     try:
