@@ -351,12 +351,12 @@ class Desk:
             self._map.write(self._cells, np.array(self._trail, np.float32).reshape(-1, 4))
 
     def _joules(self, estimate: Odometry | None, ground: GroundState, air: AirState) -> Joules:
-        left = 1.0 if air.battery_remaining is None else air.battery_remaining
-        above = max(0.0, left - self._config.energy.reserve) * self._config.energy.pack_j
+        left = math.nan if air.battery_remaining is None else air.battery_remaining
+        above = np.maximum(0.0, left - self._config.energy.reserve) * self._config.energy.pack_j
         here = self._home_m if estimate is None else estimate.pose.position_m
         needed = joules_to_finish(self._pilot.steps_left(), here, self._pilot.mode, self._energy)
         power_w = ground.battery_v * ground.current_a
-        return Joules(self._record.meter.energy_j, above, needed, ground.battery_v, power_w)
+        return Joules(self._record.meter.energy_j, float(above), needed, ground.battery_v, power_w)
 
 
 def _sigma_m(estimate: Odometry) -> float:

@@ -40,7 +40,7 @@ class Joules:
     """The energy account [J]."""
 
     used: float
-    left: float  # in the pack, above the reserve
+    left: float  # in the pack, above the reserve; nan while the autopilot does not report its charge
     needed: float  # to the mission's end, at least
     voltage_v: float
     power_w: float

@@ -324,6 +324,15 @@ def test_a_figure_that_is_not_one_becomes_null(begun):
     assert begun.show()["links"]["vio"]["age_s"] is None
 
 
+def test_a_charge_that_is_not_reported_is_unknown_and_not_full(rig):
+    unreported = replace(AIR, battery_remaining=None)
+    state = rig.desk.show(rig.actions, rig.odometry(), rig.ages, GROUND, unreported, True, rig.now_s)
+    assert state["energy"]["left_j"] is None
+    failed = {name: figure for name, passed, figure, _ in state["checks"] if not passed}
+    assert failed["battery"] == "not reported"
+    assert "an unknown charge" in failed["energy"]
+
+
 def test_a_link_that_nobody_knows_is_shown_and_breaks_nothing(begun):
     begun.ages["radio"] = 0.1
     assert begun.show()["links"]["radio"]["age_s"] == 0.1

@@ -116,7 +116,7 @@ export default {
         <div class="bar" role="img" :aria-label="joules(state.energy.needed_j) + ' needed of ' + joules(state.energy.left_j)">
           <i :style="{width: share + '%'}" :class="{bad: share >= 100}"></i></div>
         <p class="fine"><b :class="{bad: share >= 100}">{{ joules(state.energy.needed_j) }} needed</b> to finish, at least
-          ({{ share < 1 ? '<1' : Math.round(share) }} %) &middot; {{ joules(state.energy.used_j) }} used &middot;
+          ({{ state.energy.left_j === null ? '?' : share < 1 ? '<1' : Math.round(share) }} %) &middot; {{ joules(state.energy.used_j) }} used &middot;
           {{ state.energy.power_w }} W &middot; {{ state.energy.voltage_v?.toFixed(1) }} V</p>
       </section>
 
