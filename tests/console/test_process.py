@@ -1,9 +1,15 @@
-"""What is said when the console's process does not come up."""
+"""The console's process: what is said when it does not come up, and how the command that serves it ends."""
 
+import os
+import signal
 import sys
+import tempfile
 
 import pytest
+from click.testing import CliRunner
 
+from labr_autonomy.cli import main
+from labr_autonomy.console import process
 from labr_autonomy.console.process import ConsoleOptions, ConsoleProcess
 from labr_autonomy.errors import LinkError
 
@@ -24,3 +30,36 @@ def test_a_console_that_ends_at_once_is_an_error_with_its_own_last_words(
     monkeypatch.setattr(sys, "executable", str(python))
     with pytest.raises(LinkError, match=f"ended before it was ready: {words}"):
         ConsoleProcess(ConsoleOptions(), pid=1, log_path=tmp_path / "log").__enter__()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("place", ["__enter__", "wait"])
+def test_a_command_that_is_told_to_end_cleans_up(tmp_path, monkeypatch, number, place):
+    """Also while the page is still being started, and when the terminal goes."""
+    ended = []
+
+    class Stub(ConsoleProcess):
+        def __enter__(self):
+            self.urls = ("operator's", "viewer's")
+            return self
+
+        def wait(self):
+            """Returns at once."""
+
+    def told_to_end(_):
+        os.kill(os.getpid(), number)
+        ended.append("not")
+
+    monkeypatch.setattr(process, "ConsoleProcess", Stub)
+    monkeypatch.setattr(Stub, place, told_to_end)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "scratch"))
+    (tmp_path / "scratch").mkdir()
+    (tmp_path / "flight.mcap").touch()
+    before = signal.signal(number, lambda *_: ended.append("by pytest's handler"))
+    try:
+        done = CliRunner().invoke(main, ["replay", str(tmp_path)])
+    finally:
+        signal.signal(number, before)
+    assert ended == []
+    assert done.exit_code == 0
+    assert not list((tmp_path / "scratch").iterdir())
