@@ -2,8 +2,10 @@
 
 import os
 import signal
+import subprocess
 import sys
 import tempfile
+import urllib.request
 
 import pytest
 from click.testing import CliRunner
@@ -63,3 +65,14 @@ def test_a_command_that_is_told_to_end_cleans_up(tmp_path, monkeypatch, number, 
     assert ended == []
     assert done.exit_code == 0
     assert not list((tmp_path / "scratch").iterdir())
+
+
+def test_ctrl_c_at_the_terminal_leaves_the_page_alone(tmp_path):
+    """The whole process group gets it; for the executive it means hold, and then the page is needed most."""
+    with ConsoleProcess(ConsoleOptions(port=0), pid=os.getpid(), log_path=tmp_path / "log") as page:
+        shown = page.urls[0].partition("#")[0]
+        assert b"LABR console" in urllib.request.urlopen(shown, timeout=10).read()  # it serves by now
+        os.kill(page.pid, signal.SIGINT)
+        with pytest.raises(subprocess.TimeoutExpired):
+            page._process.wait(timeout=2.0)
+        assert b"LABR console" in urllib.request.urlopen(shown, timeout=10).read()
