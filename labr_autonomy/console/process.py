@@ -115,9 +115,15 @@ class ConsoleProcess:
         self.close()
 
     def wait(self) -> None:
-        """Until it ends by itself."""
-        if self._process is not None:
-            self._process.wait()
+        """Until it ends by itself.
+
+        Raises:
+            LinkError: when it has failed.
+        """
+        if self._process is not None and self._process.wait() != 0:
+            raise LinkError(
+                f"the console has ended: {self._last_words()}", "Start it anew; a flight goes on without it"
+            )
 
     def _last_words(self) -> str:
         """The last line of its log, which may be gone when somebody wants to look."""

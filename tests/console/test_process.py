@@ -34,6 +34,17 @@ def test_a_console_that_ends_at_once_is_an_error_with_its_own_last_words(
         ConsoleProcess(ConsoleOptions(), pid=1, log_path=tmp_path / "log").__enter__()
 
 
+def test_a_console_that_ends_later_is_an_error_too(tmp_path, monkeypatch):
+    python = tmp_path / "python"
+    ready = '{"event": "ready", "urls": ["a", "b"]}'
+    python.write_text(f"#!/bin/sh\necho '{ready}'\necho 'out of memory' >&2\nexit 1\n")
+    python.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(python))
+    page = ConsoleProcess(ConsoleOptions(), pid=1, log_path=tmp_path / "log")
+    with page, pytest.raises(LinkError, match="has ended: out of memory"):
+        page.wait()
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("place", ["__enter__", "wait"])
 def test_a_command_that_is_told_to_end_cleans_up(tmp_path, monkeypatch, number, place):
