@@ -1,7 +1,7 @@
 """Logs that were cut off (power, a killed process) made whole again: everything before the tear is kept.
 
-The logs close a chunk every half second, so a cut loses less than one second. The torn file stays beside the
-repaired one as `*.torn`.
+The logs close a chunk every half second and have it put on the disk, so a cut loses less than one second. The
+torn file stays beside the repaired one as `*.torn`.
 """
 
 from __future__ import annotations
