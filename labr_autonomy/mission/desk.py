@@ -21,6 +21,7 @@ from labr_autonomy.console.requests import Kind, Request, parse
 from labr_autonomy.console.slot import JsonReader, JsonWriter, exists
 from labr_autonomy.errors import BadInput, LinkError
 from labr_autonomy.ground.state import GroundState
+from labr_autonomy.guard.failsafe import Reaction
 from labr_autonomy.guard.fence import Zone, margin_m
 from labr_autonomy.mission import operator
 from labr_autonomy.mission.budget import joules_to_finish
@@ -30,7 +31,7 @@ from labr_autonomy.mission.pilot import Actions, Order, Pilot
 from labr_autonomy.mission.portrait import Body, Joules, portrait
 from labr_autonomy.mission.preflight import Check, preflight
 from labr_autonomy.mission.steps import Kind as StepKind
-from labr_autonomy.mission.steps import OnFail, Step
+from labr_autonomy.mission.steps import OnFail, Status, Step
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.planner.messages import PlanRequest, PlanResult
 from labr_autonomy.types import Array, Mode, Odometry
@@ -176,7 +177,7 @@ class Desk:
     def _carry_out(
         self, request: Request, estimate: Odometry | None, ages_s: Mapping[str, float], now_s: float
     ) -> None:
-        stage, refusal = operator.step(self.stage, request.kind, ages_s)
+        stage, refusal = operator.step(self._stage_now(), request.kind, ages_s)
         if refusal:
             self._settle(request, refusal)
             return
@@ -194,6 +195,11 @@ class Desk:
                 pass
         self.stage = stage
         self._settle(request)
+
+    def _stage_now(self) -> Stage:
+        """The stage, which is the last one also when the mission itself is over: nothing revives it then."""
+        over = self._pilot.steps.status in (Status.DONE, Status.FAILED)
+        return Stage.ENDING if over or self._pilot.failsafe.reaction >= Reaction.LAND else self.stage
 
     def _change_steps(self, kind: Kind, estimate: Odometry | None, now_s: float) -> None:
         self._pause_after = None
@@ -264,7 +270,7 @@ class Desk:
             return  # the answer about a place that was asked for before
         request, step, _ = self._probe
         self._probe = None
-        _, refusal = operator.step(self.stage, request.kind, self._ages_s)  # as things stand now
+        _, refusal = operator.step(self._stage_now(), request.kind, self._ages_s)  # as things stand now
         if refusal or result.probe:
             self._settle(request, refusal or result.probe)
         else:

@@ -15,7 +15,7 @@ from labr_autonomy.console.requests import Kind, Request
 from labr_autonomy.console.slot import JsonReader, JsonWriter
 from labr_autonomy.frames import quaternion_from_rpy
 from labr_autonomy.ground.state import GroundState
-from labr_autonomy.guard.failsafe import Health
+from labr_autonomy.guard.failsafe import Health, Reaction
 from labr_autonomy.guard.fence import Zone
 from labr_autonomy.mission.desk import PROBE_S, Desk
 from labr_autonomy.mission.logbook import Logbook
@@ -256,6 +256,24 @@ def test_the_answer_about_one_place_is_not_taken_for_another(begun):
     assert begun.answer()[0] == "asked"
     begun.desk.take_plan(plan(8, probe="the map shows no way there"), begun.now_s)
     assert begun.answer() == ("refused", "the map shows no way there")
+
+
+@pytest.mark.parametrize("kind", [Kind.SKIP, Kind.RETURN, Kind.LAND, Kind.GOTO, Kind.PAUSE, Kind.RESUME])
+@pytest.mark.parametrize("end", ["failed", "done", "failsafe"])
+def test_nothing_revives_a_mission_that_is_over(begun, kind, end):
+    """The executive ends soon; a robot that flew on would be left in the air."""
+    pilot = begun.pilot
+    if end == "failed":
+        pilot.fail("the planner has died")
+    elif end == "done":
+        pilot.steps = replace(pilot.steps, status=Status.DONE)
+    else:
+        pilot.failsafe = replace(pilot.failsafe, reaction=Reaction.LAND)
+    before = pilot.steps, pilot.mission
+    goal = (2.0, 1.0, 1.2) if kind is Kind.GOTO else None
+    assert begun.ask(kind, goal) == ("refused", "the mission is coming to its end")
+    assert (pilot.steps.status, pilot.mission) == (before[0].status, before[1])
+    assert begun.ask(Kind.ABORT)[0] == "accepted"
 
 
 def test_a_planner_that_does_not_answer_is_not_waited_for(begun):
