@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import dataclasses
 import json
 import logging
 import os
@@ -38,10 +39,11 @@ TITLE = "LABR console"
 
 def serve(spec: dict[str, Any]) -> None:
     """Serve until told to end."""
-    listener = _listen(spec["host"], spec["port"])
-    port = listener.getsockname()[1]
     token_file = spec.get("token_file")
-    access = make_access(spec["host"], port, Path(token_file) if token_file else None)
+    # before anything listens, or is looked up
+    allowed = make_access(spec["host"], spec["port"], Path(token_file) if token_file else None)
+    listener = _listen(spec["host"], spec["port"])
+    access = dataclasses.replace(allowed, port=listener.getsockname()[1])
     feed = _feed(spec)
     try:
         server = Server(

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from labr_autonomy.cli import main
 from labr_autonomy.console import process
 from labr_autonomy.console.process import ConsoleOptions, ConsoleProcess
-from labr_autonomy.errors import LinkError
+from labr_autonomy.errors import BadInput, LinkError
 
 
 @pytest.mark.parametrize(
@@ -76,6 +76,12 @@ def test_a_command_that_is_told_to_end_cleans_up(tmp_path, monkeypatch, number, 
     assert ended == []
     assert done.exit_code == 0
     assert not list((tmp_path / "scratch").iterdir())
+
+
+def test_an_address_that_is_none_is_refused_before_anything_listens(tmp_path):
+    page = ConsoleProcess(ConsoleOptions("foo", 0), pid=os.getpid(), log_path=tmp_path / "log")
+    with pytest.raises(BadInput, match="'foo' is no IP address"):
+        page.__enter__()
 
 
 def test_ctrl_c_at_the_terminal_leaves_the_page_alone(tmp_path):
