@@ -78,17 +78,19 @@ def test_a_command_that_is_told_to_end_cleans_up(tmp_path, monkeypatch, number, 
     assert not list((tmp_path / "scratch").iterdir())
 
 
+@pytest.mark.timeout(60)
 def test_an_address_that_is_none_is_refused_before_anything_listens(tmp_path):
     page = ConsoleProcess(ConsoleOptions("foo", 0), pid=os.getpid(), log_path=tmp_path / "log")
     with pytest.raises(BadInput, match="'foo' is no IP address"):
         page.__enter__()
 
 
+@pytest.mark.timeout(60)
 def test_ctrl_c_at_the_terminal_leaves_the_page_alone(tmp_path):
     """The whole process group gets it; for the executive it means hold, and then the page is needed most."""
     with ConsoleProcess(ConsoleOptions(port=0), pid=os.getpid(), log_path=tmp_path / "log") as page:
         shown = page.urls[0].partition("#")[0]
-        assert b"LABR console" in urllib.request.urlopen(shown, timeout=10).read()  # it serves by now
+        assert b"LABR console" in urllib.request.urlopen(shown, timeout=20).read()  # it serves
         os.kill(page.pid, signal.SIGINT)
         with pytest.raises(subprocess.TimeoutExpired):
             page._process.wait(timeout=2.0)
