@@ -63,9 +63,9 @@ class Parameters:
         )
 
     def allows(self, v_mmps: int, w_mradps: int) -> bool:
-        """Whether a command is inside the limits."""
-        forward = -self.reverse * 1000.0 <= v_mmps <= self.speed * 1000.0
-        return forward and abs(w_mradps) <= self.yaw_rate * 1000.0
+        """Whether a command is inside the limits; half a unit, as 0.9 m/s on the wire is 0.89999998."""
+        forward = -self.reverse * 1000.0 - 0.5 <= v_mmps <= self.speed * 1000.0 + 0.5
+        return forward and abs(w_mradps) <= self.yaw_rate * 1000.0 + 0.5
 
     def names(self) -> tuple[str, ...]:
         """All names, by index."""

@@ -213,16 +213,22 @@ def on_estop(s: State) -> State:
     return disengage(s)._replace(estop=True, token=0)
 
 
+def _age_token(s: State, now_ms: int) -> State:
+    """Called in each period: a token of weeks ago must not look young when the counter wraps."""
+    old = s.token and ahead(now_ms, s.token_ms, 32) > TOKEN_MS  # most of the time there is none
+    return s._replace(token=0) if old else s
+
+
 def on_release(s: State, session: int, step: int, token: int, now_ms: int) -> tuple[State, int, int]:
     """One of the two steps that end an emergency stop; returns state, LAND_RESULT and the token."""
     if not s.session or session != s.session:
         return s, wire.LAND_RESULT_SESSION, 0
-    valid = bool(s.token) and ahead(now_ms, s.token_ms, 32) <= TOKEN_MS
+    s = _age_token(s, now_ms)
     if step == 1 and s.estop:
-        if not valid:  # a repeated question gets the same answer
+        if not s.token:  # a repeated question gets the same answer
             s = s._replace(token=_mix(s.session, now_ms), token_ms=now_ms)
         return s, wire.LAND_RESULT_OK, s.token
-    if step == 2 and s.estop and valid and token == s.token:
+    if step == 2 and s.estop and s.token and token == s.token:
         return disengage(s)._replace(estop=False, token=0), wire.LAND_RESULT_OK, 0
     return s._replace(token=0), wire.LAND_RESULT_UNKNOWN, 0
 
@@ -232,7 +238,7 @@ def tick(s: State, i: Inputs, p: Parameters, now_ms: int, dt_s: float) -> State:
     s = _measure(s, i, p, now_ms)
     if i.estop_pressed:
         s = on_estop(s)
-    s = _watch_computer(s, now_ms)
+    s = _watch_computer(_age_token(s, now_ms), now_ms)
     s = _watch_wheels(s, i, p, now_ms)
     faults = s.faults & ~(wire.LAND_FAULT_BATTERY_LOW | wire.LAND_FAULT_ESTOP)
     faults |= wire.LAND_FAULT_BATTERY_LOW * (i.battery_v < p.battery_low)

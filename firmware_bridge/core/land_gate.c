@@ -146,22 +146,29 @@ void land_gate_estop(land_gate *g) {
     g->token = 0;
 }
 
+// Called in each period: a token of weeks ago must not look young when the counter wraps.
+static void age_token(land_gate *g, uint32_t now_ms) {
+    if (land_ahead(now_ms, g->token_ms) > LAND_TOKEN_MS) {
+        g->token = 0;
+    }
+}
+
 uint8_t land_gate_release(
     land_gate *g, uint32_t session, uint8_t step, uint32_t token, uint32_t now_ms, uint32_t *token_out) {
     *token_out = 0;
     if (!land_gate_session_is(g, session)) {
         return LAND_RESULT_SESSION;
     }
-    const bool valid = g->token != 0 && land_ahead(now_ms, g->token_ms) <= LAND_TOKEN_MS;
+    age_token(g, now_ms);
     if (step == 1 && g->estop) {
-        if (!valid) {  // a repeated question gets the same answer
+        if (g->token == 0) {  // a repeated question gets the same answer
             g->token = not_zero(mix(mix(0x811C9DC5u, g->session), now_ms));
             g->token_ms = now_ms;
         }
         *token_out = g->token;
         return LAND_RESULT_OK;
     }
-    const bool ends = step == 2 && g->estop && valid && token == g->token;
+    const bool ends = step == 2 && g->estop && g->token != 0 && token == g->token;
     g->token = 0;  // a wrong token spends the right one
     if (!ends) {
         return LAND_RESULT_UNKNOWN;
@@ -217,6 +224,7 @@ void land_gate_tick(land_gate *g, const land_inputs *in, const land_params *p, u
     if (in->estop_pressed) {
         land_gate_estop(g);
     }
+    age_token(g, now_ms);
     watch_computer(g, now_ms);
     const uint16_t latched = land_faults_watch(g, in, p, now_ms);
     if (latched != 0) {

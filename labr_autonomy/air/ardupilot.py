@@ -44,5 +44,5 @@ STREAMS: Final = {
 
 
 def mode_name(custom_mode: int) -> str:
-    """ArduCopter's flight mode in a word; "unknown" for numbers this table does not have."""
-    return _MODES.get(custom_mode, "unknown")
+    """ArduCopter's flight mode in a word; its number where the table has none (see `px4.mode_name`)."""
+    return _MODES.get(custom_mode, f"mode {custom_mode}")

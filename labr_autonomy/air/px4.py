@@ -86,11 +86,14 @@ STREAMS: Final = {
 
 
 def mode_name(custom_mode: int) -> str:
-    """PX4's flight mode in a word; "unknown" for numbers this table does not have."""
+    """PX4's flight mode in a word; its numbers where this table does not have it.
+
+    Never "unknown": that is the word for a silent autopilot, whom nobody has taken over.
+    """
     main, sub = (custom_mode >> 16) & 0xFF, (custom_mode >> 24) & 0xFF
     if main == 4:
-        return _AUTO.get(sub, "unknown")
-    return _MAIN.get(main, "unknown")
+        return _AUTO.get(sub, f"mode {main}.{sub}")
+    return _MAIN.get(main, f"mode {main}")
 
 
 def landed_name(landed_state: int) -> str:

@@ -7,6 +7,7 @@ that the autopilot has signed. Nothing is repeated and nothing is sent by itself
 from __future__ import annotations
 
 import contextlib
+import logging
 import select
 import socket
 import threading
@@ -20,6 +21,8 @@ from labr_autonomy.air.address import device_of
 from labr_autonomy.air.signing import Signer, read_key, stamp_of, unsigned
 from labr_autonomy.clock import utc_s
 from labr_autonomy.errors import LinkError
+
+_log = logging.getLogger("labr.air")
 
 DATAGRAM_MAX = 2048
 BATCH_MAX = 200
@@ -74,15 +77,21 @@ class SignedLink:
             self._far.close()
 
     def _run(self) -> None:
-        while not self._closing.is_set():
-            ready, _, _ = select.select([self._near, self._far.fd], [], [], WAIT_S)
-            if self._near in ready:
-                self._outward()
-            if self._far.fd in ready:
-                self._inward()
-            if utc_s() - self._saved_s > SAVE_S:
-                self._save()
+        try:
+            while not self._closing.is_set():
+                self._relay()
+        except (OSError, ValueError) as error:  # unplugged or hung up; the channel sees a silent autopilot
+            _log.error("the signed air link is lost: %s", error)
         self._save()
+
+    def _relay(self) -> None:
+        ready, _, _ = select.select([self._near, self._far.fd], [], [], WAIT_S)
+        if self._near in ready:
+            self._outward()
+        if self._far.fd in ready:
+            self._inward()
+        if utc_s() - self._saved_s > SAVE_S:
+            self._save()
 
     def _outward(self) -> None:
         for _ in range(BATCH_MAX):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labr_autonomy.errors import BadInput, Refused
+from labr_autonomy.errors import BadInput, LinkError, Refused
 
 if TYPE_CHECKING:
     from labr_autonomy.config import RobotConfig
@@ -141,14 +141,23 @@ async def _look(
 
 
 def _measured(channel: GroundChannel) -> dict[str, Any]:
-    """The newest telemetry by name; the raw values, with their units as on the wire."""
-    telemetry = channel.telemetry
-    return {} if telemetry is None else dict(telemetry.message.to_dict())
+    """The newest telemetry by name; the raw values, with their units as on the wire.
+
+    Raises:
+        LinkError: The link is lost and has not come back.
+    """
+    if channel.telemetry is None:
+        why = ", ".join(channel.state.faults)
+        raise LinkError(f"The land controller was lost: {why}", "Check its cable and power.")
+    return dict(channel.telemetry.message.to_dict())
 
 
 def _line(channel: GroundChannel) -> str:
-    m, state = _measured(channel), channel.state
+    state = channel.state
     faults = ", ".join(state.faults) or "no fault"
+    if channel.telemetry is None:  # it is looked for again meanwhile
+        return f"{'lost':14s} {faults}"
+    m = _measured(channel)
     return (
         f"{state.mode:14s} ticks {m['ticks_left']:7d} {m['ticks_right']:7d}   "
         f"{state.speed_mps:+.2f} m/s {state.yaw_rate_rps:+.2f} rad/s   "

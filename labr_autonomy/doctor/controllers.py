@@ -69,8 +69,12 @@ async def _land_parameters(channel: GroundChannel, config: RobotConfig) -> list[
 def _land_state(channel: GroundChannel) -> Finding:
     state = channel.state
     text = f"{state.mode}, battery {state.battery_v:.1f} V, wheels {'' if state.wheel_load else 'not '}loaded"
-    if state.mode == "estop":
-        return wrong("ground", "state", text, "Release the emergency stop in its two steps.")
+    if state.estop:
+        do = "Release it: labr-mission wheels --robot FILE --release-estop."
+        return wrong("ground", "state", text, do)
+    if state.faults:
+        do = "See Bring-up in firmware_bridge/README.md."
+        return wrong("ground", "state", f"{text}; {', '.join(state.faults)}", do)
     return good("ground", "state", text)
 
 

@@ -27,6 +27,11 @@ class GroundState:
     yaw_rate_rps: float
     age_s: float  # of the telemetry; infinite before the first
 
+    @property
+    def estop(self) -> bool:
+        """The emergency stop is latched, by the newest word of the controller."""
+        return self.mode == mode_word(dialect.LAND_MODE_ESTOP)
+
 
 @dataclass(frozen=True, slots=True)
 class Telemetry:

@@ -47,7 +47,7 @@ def look(
         air_age_s=air.heartbeat_age_s,
         plan_age_s=plan_age_s if pilot.planning_mode is not None else 0.0,
         vio_rejected=poses.vio_rejected_in_a_row,
-        estop=ground.mode == "estop",
+        estop=ground.estop,
         taken_over=pilot.taken_over(
             air.mode, air.intended, air.failsafe, restarts, now_s, resumes=air.resumes
         ),

@@ -103,8 +103,8 @@ def preflight(
         ),
         _check(
             "emergency stop",
-            ground.mode != "estop",
-            "latched" if ground.mode == "estop" else "released",
+            not ground.estop,
+            "latched" if ground.estop else "released",
             "release it on the land controller",
         ),
         _check(

@@ -14,6 +14,7 @@ from pathlib import Path
 MAGIC_V1 = 0xFE
 MAGIC_V2 = 0xFD
 SIGNED = 0x01  # MAVLINK_IFLAG_SIGNED
+SETUP_SIGNING = b"\x00\x01\x00"  # message 256 as in a frame; its payload is the key
 FLUSH_S = 0.5
 PENDING_MAX = 8 * 1024 * 1024  # bytes that may wait for the disk: minutes of an onboard link
 
@@ -69,6 +70,8 @@ class Tlog:
         stamp = struct.pack(">Q", int(stamp_utc_s * 1e6))
         with self._lock:
             for frame in split_frames(data):
+                if frame[0] == MAGIC_V2 and frame[7:10] == SETUP_SIGNING:
+                    continue  # never logged (MAVLink guide, "Message signing")
                 if self.fault or len(self._pending) > PENDING_MAX:
                     self.dropped += 1
                     continue

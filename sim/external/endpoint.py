@@ -27,6 +27,7 @@ class Endpoint:
 
     def __init__(self, url: str) -> None:
         device, baud = device_of(url)
+        self._url = url
         try:
             self._link: Any = mavutil.mavlink_connection(
                 device, baud=baud or 57600, dialect="development", force_connected=True
@@ -46,10 +47,17 @@ class Endpoint:
         return out
 
     def read_bytes(self) -> list[bytes]:
-        """What has arrived, unread."""
+        """What has arrived, unread.
+
+        Raises:
+            LinkError: It was unplugged, or hung up.
+        """
         out: list[bytes] = []
         for _ in range(BATCH_MAX):
-            data = self._link.recv(BYTES_MAX)
+            try:
+                data = self._link.recv(BYTES_MAX)
+            except OSError as error:
+                raise LinkError(f"{self._url} is lost: {error}", "Start the autopilot anew.") from None
             if not data:
                 break
             out.append(bytes(data))

@@ -73,7 +73,7 @@ def test_the_guard_knows_the_modes_in_which_the_families_follow():
 # custom_mode values of the recorded ArduPilot flight
 @pytest.mark.parametrize(
     ("number", "word"),
-    [(0, "stabilize"), (4, "guided"), (9, "land"), (17, "brake"), (16, "position"), (99, "unknown")],
+    [(0, "stabilize"), (4, "guided"), (9, "land"), (17, "brake"), (16, "position"), (99, "mode 99")],
 )
 def test_ardupilots_mode_numbers_have_words(number, word):
     assert ardupilot.mode_name(number) == word

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import pty
 import socket
 
 import pytest
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as m
 
 from labr_autonomy.air.channel import AirChannel
+from labr_autonomy.air.signed_link import SignedLink
 from labr_autonomy.air.signing import OLD_UNITS, Signer, read_key, stamp_of, unsigned
 from labr_autonomy.clock import utc_s
 from labr_autonomy.config import Links, RobotConfig
@@ -214,3 +217,17 @@ async def test_an_autopilot_with_another_key_does_not_answer(key_file):
         with pytest.raises(LinkError, match="no autopilot answered"):
             await channel.connect(1.5)
         assert not autopilot.commands
+
+
+def test_a_cable_that_was_pulled_out_is_a_sentence_and_keeps_the_stamp(key_file, caplog):
+    master, slave = pty.openpty()
+    link = SignedLink(f"serial://{os.ttyname(slave)}:57600", key_file)
+    try:
+        os.close(slave)
+        os.close(master)
+        link._thread.join(5.0)
+        assert not link._thread.is_alive()
+        assert "the signed air link is lost: " in caplog.text
+    finally:
+        link.close()
+    assert int(key_file.with_name("signing.key.stamp").read_text()) == link.signer.stamp

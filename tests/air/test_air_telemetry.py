@@ -36,8 +36,8 @@ def state(now_s, beat=BEAT, **others):
         (0x05040000, "return"),
         (0x06040000, "land"),
         (0x00030000, "position"),
-        (0x63040000, "unknown"),
-        (0, "unknown"),
+        (0x63040000, "mode 4.99"),
+        (0, "mode 0"),
     ],
 )
 def test_mode_numbers_have_words(number, word):

@@ -35,6 +35,17 @@ def test_pymavlink_reads_the_frames_and_their_stamps(tmp_path):
     assert (log.frames, log.dropped, log.fault) == (3, 0, None)
 
 
+def test_a_signing_key_on_its_way_to_the_autopilot_is_not_logged(tmp_path):
+    log = Tlog(tmp_path / "air.tlog")
+    key = bytes(range(1, 33))
+    setup = m.MAVLink_setup_signing_message(1, 1, key, 7).pack(m.MAVLink(None, 255, 190))
+    log.write(NOW, frame(1) + setup + frame(2))
+    log.close()
+    assert [x.time_unix_usec for x in read_back(log.path)] == [1, 2]
+    assert key not in log.path.read_bytes()
+    assert (log.frames, log.dropped) == (2, 0)
+
+
 def test_both_versions_signed_frames_and_dirt_are_told_apart():
     old = bytes(v1.MAVLink_system_time_message(1, 2).pack(v1.MAVLink(None, 1, 1)))
     signer = m.MAVLink(None, 1, 1)

@@ -4,9 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from firmware_bridge.dialect.labr_land import LAND_MODE_ESTOP
 from labr_autonomy.air.telemetry import AirState
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.ground.state import GroundState
+from labr_autonomy.ground.words import mode_word
 from labr_autonomy.mission.budget import joules_to_finish
 from labr_autonomy.mission.operator import LINK_LATE_S
 from labr_autonomy.mission.preflight import preflight
@@ -48,7 +50,7 @@ def test_all_pass_on_a_good_robot_and_none_asks_for_a_fix():
         ({"ground": replace(GROUND, battery_v=14.2)}, "voltage", "14.2 V"),
         ({"energy_needed_j": 6000.0}, "energy", "needs 6.0 kJ, has 5.0 kJ"),
         ({"energy_left_j": math.nan}, "energy", "needs 1.0 kJ, has an unknown charge"),
-        ({"ground": replace(GROUND, mode="estop")}, "emergency stop", "latched"),
+        ({"ground": replace(GROUND, mode=mode_word(LAND_MODE_ESTOP))}, "emergency stop", "latched"),
         ({"ground": replace(GROUND, faults=("wheel stalled",))}, "land controller's faults", "wheel stalled"),
         ({"air": replace(AIR, failsafe=True)}, "autopilot's health", "in failsafe"),
         ({"ground": replace(GROUND, wheel_load=False)}, "stands on its wheels", "no load"),

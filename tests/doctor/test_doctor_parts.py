@@ -6,17 +6,20 @@ import pty
 import re
 import socket
 import zipfile
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from firmware_bridge.dialect import labr_land as wire
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import Links, RobotConfig
-from labr_autonomy.doctor import machine, ports, sensors
+from labr_autonomy.doctor import controllers, machine, ports, sensors
 from labr_autonomy.doctor.bundle import redacted, write_bundle
 from labr_autonomy.doctor.finding import Finding, good, note, wrong
 from labr_autonomy.errors import BadInput
 from labr_autonomy.estimation.vio_message import VioSample, encode_vio
+from labr_autonomy.ground.state import Telemetry, describe
 from labr_autonomy.perception.frame_slot import FrameWriter
 
 CLOCK = SystemClock()
@@ -211,6 +214,28 @@ async def test_poses_are_judged_by_rate_and_stamps(late_s, names, monkeypatch):
     assert {name for name, f in found.items() if f.state == "wrong"} == names
     if late_s < 0.0:
         assert "stamp lies in the future" in found["poses"].text
+
+
+# -- land controller --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("mode", "faults", "state", "words"),
+    [
+        (wire.LAND_MODE_IDLE, 0, "good", "idle, battery 18.5 V"),
+        (wire.LAND_MODE_ESTOP, wire.LAND_FAULT_ESTOP, "wrong", "emergency stop"),
+        (wire.LAND_MODE_IDLE, wire.LAND_FAULT_DRIVER, "wrong", "motor driver fault"),
+        (wire.LAND_MODE_IDLE, wire.LAND_FAULT_BATTERY_LOW, "wrong", "battery low"),
+    ],
+)
+def test_a_stopped_or_faulty_land_controller_is_not_called_good(mode, faults, state, words):
+    names = wire.MAVLink_land_state_message.fieldnames
+    given = {"mode": mode, "faults": faults, "battery_mv": 18_500}
+    message = wire.MAVLink_land_state_message(**{name: given.get(name, 0) for name in names})
+    channel = SimpleNamespace(state=describe(Telemetry(1.0, 1.0, message), True, "", 1.01))
+    found = controllers._land_state(channel)
+    assert (found.state, bool(found.do)) == (state, state == "wrong")
+    assert words in found.text
 
 
 # -- bundle -----------------------------------------------------------------------------------------

@@ -3,6 +3,8 @@
 import asyncio
 import contextlib
 import math
+import os
+import pty
 import socket
 import struct
 
@@ -20,6 +22,7 @@ from sim.autopilot.sih import hil_state
 from sim.battery import Battery
 from sim.external import bridge as bridge_module
 from sim.external.bridge import Bridge
+from sim.external.endpoint import Endpoint
 from sim.quad.state import QuadState
 
 CLOCK = SystemClock()
@@ -283,3 +286,16 @@ def test_addresses_are_those_of_mavsdk():
     assert device_of("udpin://127.0.0.1:14540") == ("udpin:127.0.0.1:14540", 0)
     assert device_of("tcpout://127.0.0.1:5760") == ("tcp:127.0.0.1:5760", 0)
     assert device_of("serial:///dev/ttyACM0:57600") == ("/dev/ttyACM0", 57600)
+
+
+def test_an_autopilot_that_is_unplugged_is_a_sentence():
+    master, slave = pty.openpty()
+    endpoint = Endpoint(f"serial://{os.ttyname(slave)}:57600")
+    try:
+        assert endpoint.read_bytes() == []
+        os.close(slave)
+        os.close(master)
+        with pytest.raises(LinkError, match="is lost: "):
+            endpoint.read()
+    finally:
+        endpoint.close()

@@ -431,6 +431,19 @@ def read(bench, index: int = 0, name: bytes = b""):
     return bench.of("LAND_PARAM")[-1]
 
 
+def test_a_limit_that_was_written_may_be_driven_itself(bench):
+    bench.hello(bench.nonce)
+    for name in (b"speed", b"reverse", b"yaw_rate"):
+        assert write(bench, name, 0.7) == OK  # a little less in single precision
+    bench.engage()
+    for v, w in ((0.701, 0.0), (-0.701, 0.0), (0.0, 0.701), (0.0, -0.701)):
+        assert bench.refusal(bench.velocity(v, w)) == wire.LAND_RESULT_RANGE
+    for v, w in ((0.7, 0.7), (-0.7, -0.7)):
+        bench.say(bench.velocity(v, w))
+        bench.until(lambda: bench.state.cmd_seq == bench.sequence, "obeyed")
+        assert bench.state.last_result == OK
+
+
 def test_parameters_are_those_of_the_robot(bench):
     bench.hello()
     names = PARAMETERS.names()

@@ -160,6 +160,29 @@ def test_a_token_lives_for_five_seconds(core):
     assert next(m.token for m in core.step() if m.get_type() == "LAND_ACK") not in (0, token)
 
 
+def token_of_a_stop(core) -> int:
+    core.say(wire.MAVLink_land_estop_message(1))
+    core.hello()
+    core.say(wire.MAVLink_land_estop_release_message(core.session, 0, 1, 1))
+    return next(m.token for m in core.step() if m.get_type() == "LAND_ACK" and m.token)
+
+
+def test_a_token_is_judged_at_once_and_not_with_the_next_step(core):
+    token = token_of_a_stop(core)
+    core.now += 5000
+    core.say(wire.MAVLink_land_estop_release_message(core.session, token, 2, 2))
+    assert core.state().mode == wire.LAND_MODE_ESTOP
+
+
+def test_an_old_token_does_not_look_young_when_the_counter_wraps(core):
+    """24.9 days after the question: half the counter's range, where its differences change their sign."""
+    token = token_of_a_stop(core)
+    core.step(6000)
+    core.step(2**31)
+    core.say(wire.MAVLink_land_estop_release_message(core.session, token, 2, 2))
+    assert core.state().mode == wire.LAND_MODE_ESTOP
+
+
 def test_the_age_of_a_command_stops_at_its_field(core):
     core.engage()
     assert core.state().command_age < 100

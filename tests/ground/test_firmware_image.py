@@ -47,6 +47,20 @@ def test_the_limits_of_another_robot_are_another_image():
     assert ours.read_bytes() != other.read_bytes()
 
 
+def test_interrupts_are_its_own_whoever_has_started_it():
+    """DFU's "leave" jumps to the image with the boot loader's vectors still at address 0."""
+    elf = build.image(build.Parameters.of(CONFIG)).elf
+    dump = ["arm-none-eabi-objdump", "-d", "--no-show-raw-insn", "--disassemble=reset_handler", str(elf)]
+    code = subprocess.run(dump, check=True, capture_output=True, text=True).stdout
+    symbols = subprocess.run(
+        ["arm-none-eabi-nm", str(elf)], check=True, capture_output=True, text=True
+    ).stdout
+    vectors = next(line.split()[0] for line in symbols.splitlines() if line.endswith(" VECTORS"))
+    assert int(vectors, 16) % 0x200 == 0  # as the register wants it, with 97 vectors
+    assert f"0x{vectors}" in code
+    assert re.search(r"str\S*\s+r\d+, \[r\d+, #\d+\].*0xd08", code)  # SCB_VTOR is 0xE000ED08
+
+
 def feeds(log) -> int:
     return len(WATCHDOG_FED.findall(log.read_text()))
 

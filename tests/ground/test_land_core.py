@@ -229,6 +229,13 @@ def test_emergency_stop_needs_two_steps_and_a_new_engagement():
     assert say(s, command(s, 9)).last_result == wire.LAND_RESULT_ENGAGE
 
 
+def test_an_old_token_does_not_look_young_when_the_counter_wraps():
+    s, _, token = core.on_release(core.on_estop(driving()), driving().session, 1, 0, NOW)
+    later = (NOW + 2**31 + 100) % 2**32
+    s = tick(tick(s, NOW + core.TOKEN_MS + 1), later)
+    assert core.on_release(s, s.session, 2, token, later)[0].estop
+
+
 def test_a_wrong_token_spends_the_right_one():
     s, _, token = core.on_release(core.on_estop(driving()), driving().session, 1, 0, NOW)
     s, _, _ = core.on_release(s, s.session, 2, token ^ 1, NOW)

@@ -10,12 +10,15 @@ import sys
 import pytest
 from click.testing import CliRunner
 from firmware_needs import need
+from ground_rig import rig, running
 
 from firmware_bridge.dialect import labr_land as wire
 from firmware_bridge.link import Link
 from firmware_bridge.port import SerialPort
 from labr_autonomy.cli import main
 from labr_autonomy.clock import SystemClock, pause_s
+from labr_autonomy.commands import wheels
+from labr_autonomy.errors import LinkError
 
 
 @contextlib.contextmanager
@@ -98,6 +101,17 @@ def test_what_is_not_for_a_workshop_is_refused(tmp_path, arguments, words):
     code, said = run("--robot", robot, *arguments)
     assert code == 2
     assert words in said
+
+
+@pytest.mark.sitl
+async def test_a_cable_that_was_pulled_out_is_a_sentence():
+    async with rig() as r, running(r) as channel:
+        r.twin.unplug()
+        await r.wait(lambda: channel.telemetry is None, 5.0, "lost")
+        assert wheels._line(channel).startswith("lost")
+        with pytest.raises(LinkError, match="was lost: ") as lost:
+            wheels._measured(channel)
+        assert lost.value.do
 
 
 def test_a_controller_that_is_not_there_is_a_sentence(tmp_path):

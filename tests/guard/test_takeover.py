@@ -4,6 +4,7 @@ import itertools
 
 import pytest
 
+from labr_autonomy.air.families import FAMILIES
 from labr_autonomy.guard.takeover import FOLLOWING, RESUME_S, Inputs, State, step
 
 MODES = ("offboard", "guided", "land", "hold", "position", "return", "unknown")
@@ -64,3 +65,10 @@ def test_a_silent_link_does_not_stop_the_clock_of_a_failsafe():
     state, _ = step(state, look(mode="unknown"), 11.0)
     _, sentence = step(state, look(mode="land", critical=True), 10.1 + RESUME_S)
     assert "failsafe went to land" in sentence
+
+
+@pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
+def test_a_mode_that_no_table_has_is_a_takeover_as_well(family):
+    for custom_mode in (0x0B040000, 0x00630000, 99):  # PX4: a mode of the pilot's own, numbers of no release
+        _, sentence = step(State(), look(mode=family.mode_name(custom_mode), intended=""), 10.0)
+        assert "somebody else took over" in sentence

@@ -56,9 +56,9 @@ static void adc_init(void) {
 }
 
 void pins_init(void) {
-    RCC_AHB1ENR |= RCC_AHB1_GPIOA | RCC_AHB1_GPIOB | RCC_AHB1_GPIOC;
-    RCC_APB1ENR |= RCC_APB1_TIM3 | RCC_APB1_TIM4;
-    RCC_APB2ENR |= RCC_APB2_TIM8 | RCC_APB2_ADC1 | RCC_APB2_USART1;
+    clock_to(&RCC_AHB1ENR, RCC_AHB1_GPIOA | RCC_AHB1_GPIOB | RCC_AHB1_GPIOC);
+    clock_to(&RCC_APB1ENR, RCC_APB1_TIM3 | RCC_APB1_TIM4);
+    clock_to(&RCC_APB2ENR, RCC_APB2_TIM8 | RCC_APB2_ADC1 | RCC_APB2_USART1);
     pwm_init();  // before its pins are connected: they come up braking
     pin(GPIOC, 6, ALTERNATE, FLOATING, 3);
     pin(GPIOC, 7, ALTERNATE, FLOATING, 3);

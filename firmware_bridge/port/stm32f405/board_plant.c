@@ -39,8 +39,8 @@ static land_time heard;
 static int32_t offset_ms;  // controller's time minus the plant's: the least delay seen
 
 void plant_init(void) {
-    RCC_APB1ENR |= RCC_APB1_USART2;
-    RCC_APB2ENR |= RCC_APB2_USART1;
+    clock_to(&RCC_APB1ENR, RCC_APB1_USART2);
+    clock_to(&RCC_APB2ENR, RCC_APB2_USART1);
     usart_init(USART_PLANT, APB1_HZ, BAUD);
 }
 

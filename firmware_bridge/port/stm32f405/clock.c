@@ -42,7 +42,7 @@ clock_source clock_init(void) {
         pll(crystal ? CRYSTAL_MHZ : INTERNAL_MHZ, crystal);
         source = crystal ? CLOCK_CRYSTAL : CLOCK_INTERNAL;
     }
-    RCC_APB1ENR |= RCC_APB1_TIM2;
+    clock_to(&RCC_APB1ENR, RCC_APB1_TIM2);
     TIM2->PSC = emulated ? 999u : 83u;  // from 1 GHz, or from 84 MHz, to 1 MHz
     TIM2->ARR = UINT32_MAX;
     TIM2->EGR = TIM_EGR_UG;

@@ -44,7 +44,8 @@ static uint8_t reset_cause(bool faulted) {
 
 void keep_load(land_boot *boot) {
     keep k = keep_begin;
-    if (k.magic != MAGIC || k.crc != crc_of(&k) || !land_params_sound(&k.params)) {
+    const bool damaged = k.magic != MAGIC || k.crc != crc_of(&k) || !land_params_sound(&k.params);
+    if (damaged) {
         memset(&k, 0, sizeof k);
         k.magic = MAGIC;
         k.params = land_params_default();
@@ -52,6 +53,9 @@ void keep_load(land_boot *boot) {
     k.boot_count++;
     boot->reset_cause = reset_cause(k.faulted != 0);
     k.faulted = 0;
+    if (damaged && boot->reset_cause != LAND_RESET_POWER) {
+        k.estop = 1;  // whether it was latched is not known any more
+    }
     store(&k);
     boot->boot_count = k.boot_count;
     boot->estop = k.estop != 0;

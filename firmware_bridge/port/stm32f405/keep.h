@@ -3,7 +3,8 @@
 
 #include "land_controller.h"
 
-// Fill `boot` from what was kept, or with a first boot's values after a loss of power.
+// Fill `boot` from what was kept, or with a first boot's values after a loss of power. What was damaged though
+// the power stayed on counts as an emergency stop.
 void keep_load(land_boot *boot);
 
 // Remember what changed.

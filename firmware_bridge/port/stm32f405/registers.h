@@ -34,6 +34,13 @@
 #define RCC_APB2_USART1 (1u << 4)
 #define RCC_APB2_ADC1 (1u << 8)
 
+// Give devices their clock. A device ignores writes in the first cycles of its bus after that (errata sheet
+// ES0182, "Delay after an RCC peripheral clock enabling"); reading the register back is long enough.
+static inline void clock_to(volatile uint32_t *enable, uint32_t devices) {
+    *enable |= devices;
+    (void)*enable;
+}
+
 // Pins
 typedef struct {
     volatile uint32_t MODER, OTYPER, OSPEEDR, PUPDR, IDR, ODR, BSRR, LCKR, AFRL, AFRH;
@@ -91,6 +98,7 @@ typedef struct {
 #define SYSTICK_LOAD REGISTER(0xE000E014)
 #define SYSTICK_VAL REGISTER(0xE000E018)
 #define NVIC_ISER(n) REGISTER(0xE000E100 + 4 * (n))
+#define SCB_VTOR REGISTER(0xE000ED08)
 #define SCB_AIRCR REGISTER(0xE000ED0C)
 #define SCB_CPACR REGISTER(0xE000ED88)
 #define IRQ_USART1 37u

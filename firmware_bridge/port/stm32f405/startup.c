@@ -39,6 +39,7 @@ __attribute__((section(".vectors"), used)) static const struct {
 };
 
 void reset_handler(void) {
+    SCB_VTOR = (uint32_t)(uintptr_t)&VECTORS;  // after DFU the boot loader's own vectors still lie at address 0
     SCB_CPACR |= 0xFu << 20;  // the floating-point unit, before anything uses it
     __asm volatile("dsb\n isb");
     const uint32_t *from = data_load;

@@ -72,9 +72,12 @@ size_t usart_room(usart_port port) {
 
 void usart_write(usart_port port, const uint8_t *bytes, size_t length) {
     usart *u = &ports[port];
+    uint32_t in = u->tx_in;
     for (size_t i = 0; i < length; i++) {
-        u->tx[u->tx_in++ % TX_BYTES] = bytes[i];
+        u->tx[in++ % TX_BYTES] = bytes[i];
     }
+    __asm volatile("" ::: "memory");  // the interrupt may take a byte as soon as `tx_in` says that it is there
+    u->tx_in = in;
     // QEMU 7.2 raises no interrupt when the transmitter is empty: begin by hand, leave the rest to it.
     __asm volatile("cpsid i" ::: "memory");
     drain(u);
