@@ -117,32 +117,32 @@ def _serve(
 
     from labr_autonomy.console.process import ConsoleProcess
 
-    with tempfile.TemporaryDirectory(prefix="labr-console-") as scratch:
-        log_path = Path(scratch) / "console.log"
-        with ConsoleProcess(options, pid=pid, run=run, log_path=log_path) as served_page:
-            if as_json:
-                click.echo(json.dumps({"operator": served_page.urls[0], "viewer": served_page.urls[1]}))
-            else:
-                click.echo("\n".join([*served_page.sentences, "Ctrl-C ends it"]))
-            try:
-                with interrupted_by(signal.SIGTERM):
-                    served_page.wait()
-            except KeyboardInterrupt:
-                return
+    with (
+        contextlib.suppress(KeyboardInterrupt),
+        interrupted_by(signal.SIGTERM, signal.SIGHUP),
+        tempfile.TemporaryDirectory(prefix="labr-console-") as scratch,
+        ConsoleProcess(options, pid=pid, run=run, log_path=Path(scratch) / "console.log") as served_page,
+    ):
+        if as_json:
+            click.echo(json.dumps({"operator": served_page.urls[0], "viewer": served_page.urls[1]}))
+        else:
+            click.echo("\n".join([*served_page.sentences, "Ctrl-C ends it"]))
+        served_page.wait()
 
 
 @contextlib.contextmanager
-def interrupted_by(number: int) -> Iterator[None]:
-    """A signal ends what runs within as Ctrl-C does."""
+def interrupted_by(*numbers: int) -> Iterator[None]:
+    """Each of these signals ends what runs within as Ctrl-C does."""
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    before = signal.signal(number, interrupt)
+    before = {number: signal.signal(number, interrupt) for number in numbers}
     try:
         yield
     finally:
-        signal.signal(number, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _repair(run: Path, as_json: bool) -> None:

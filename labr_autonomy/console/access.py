@@ -73,7 +73,7 @@ def make_access(host: str, port: int, token_file: Path | None) -> Access:
 
     Args:
         host: Address to bind.
-        port: Port that was bound.
+        port: Port of the page.
         token_file: Holds the operator's token; needed for any address but this machine's own.
 
     Raises:

@@ -52,7 +52,8 @@ def admit(state: State, request: Request, now_s: float) -> tuple[State, Outcome]
     """Look at one request."""
     kind, holds = request.kind, state.holder == request.page
     if kind is Kind.KEEP:  # says nothing, so it has no number of its own and is not answered either
-        return (replace(state, alive_s=now_s) if holds else state), Outcome()
+        heard_s = max(state.alive_s, min(request.stamp_s, now_s))
+        return (replace(state, alive_s=heard_s) if holds else state), Outcome()
     if request.sequence <= state.last.get(request.page, 0):
         return state, Outcome()  # it was answered before: sent twice, or a double click
     state = replace(state, last=_noted(state.last, request))

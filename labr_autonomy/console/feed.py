@@ -93,11 +93,6 @@ class LiveFeed:
         self._attach_due_s = self._depth_due_s = self._gone_due_s = 0.0
         self.over = False
 
-    @property
-    def holder(self) -> str:
-        """Page that has control."""
-        return "" if self._state is None else str(self._state[1]["control"]["holder"])
-
     def poll(self) -> None:
         """Look for news; never waits."""
         now_s = self._clock.now_s()

@@ -56,7 +56,7 @@ class MapReader:
     """
 
     def __init__(self, name: str) -> None:
-        self._ring = RingReader(name, 0.0, "map")
+        self._ring = RingReader(name, 0.0, "map", own=True)
 
     def newer(self, than: int) -> MapView | None:
         """The newest map, unless it is the one numbered `than`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from pathlib import Path
 
@@ -35,5 +36,6 @@ def running() -> list[int]:
     for file in _FOLDER.glob("labr_*_console"):
         match = _STATE.fullmatch(file.name)
         if match and Path(f"/proc/{match[1]}").exists():
-            found.append((file.stat().st_mtime, int(match[1])))
+            with contextlib.suppress(FileNotFoundError):  # it ends just now
+                found.append((file.stat().st_mtime, int(match[1])))
     return [pid for _, pid in sorted(found, reverse=True)]

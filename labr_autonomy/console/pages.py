@@ -20,14 +20,14 @@ from nicegui.events import GenericEventArguments
 
 from labr_autonomy.clock import Clock
 from labr_autonomy.console.access import Access
+from labr_autonomy.console.admission import LEASE_S
 from labr_autonomy.console.feed import Feed, Seen
-from labr_autonomy.console.requests import Kind, Request, parse
+from labr_autonomy.console.requests import Kind, Request, finite, parse
 from labr_autonomy.errors import BadInput
 
 PAGE = Path(__file__).parent / "page"
 PUSH_S = 0.05
-KEEP_S = 1.0  # how often the executive hears that the page with control is alive
-ALIVE_S = 3.0  # a page that said nothing for this long is not
+KEEP_S = 1.0  # how often the executive hears when the page with control was last heard
 REQUESTS_PER_S = 8.0  # of one page; an abort is never refused
 BURST = 12.0
 TRIES_MAX = 10  # wrong tokens of one page
@@ -86,7 +86,7 @@ class Pages:
         """Fill a new page."""
         ui.query(".nicegui-content").classes(remove="q-pa-md")
         cockpit = Cockpit()
-        session = Session(secrets.token_hex(2).upper(), cockpit, client)
+        session = Session(self._new_name(), cockpit, client)
         self._sessions[client.id] = session
         cockpit.on("hello", lambda event: self._hello(session, event))
         cockpit.on("seen", lambda event: self._saw(session, event))
@@ -94,6 +94,11 @@ class Pages:
         cockpit.on("replay", lambda event: self._replay(session, event))
         client.on_connect(lambda: self._connected(session))
         client.on_delete(lambda: self._sessions.pop(client.id, None))
+
+    def _new_name(self) -> str:
+        """Four digits that no open page has: control goes by them."""
+        taken = {session.name for session in self._sessions.values()}
+        return next(n for n in iter(lambda: secrets.token_hex(2).upper(), "") if n not in taken)
 
     # ------------------------------------------------------------------ what pages say
     def _connected(self, session: Session) -> None:
@@ -132,7 +137,7 @@ class Pages:
     def _replay(self, session: Session, event: GenericEventArguments) -> None:
         fields = _fields(event)
         value = fields.get("value")
-        figure = float(value) if isinstance(value, (int, float)) and math.isfinite(value) else None
+        figure = float(value) if finite(value) else None
         if session.role == "operator":
             self._feed.replay(str(fields.get("command")), figure)
 
@@ -162,8 +167,9 @@ class Pages:
             return
         self._keep_due_s = now_s + KEEP_S
         for session in self._sessions.values():
-            if session.role == "operator" and now_s - session.heard_s < ALIVE_S:
-                self._feed.ask(Request(session.name, max(1, session.last_asked), Kind.KEEP, now_s))
+            if session.role == "operator" and now_s - session.heard_s < LEASE_S:
+                number = max(1, session.last_asked)
+                self._feed.ask(Request(session.name, number, Kind.KEEP, session.heard_s))
 
 
 def _fields(event: GenericEventArguments) -> dict[str, Any]:

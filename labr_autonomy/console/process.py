@@ -100,7 +100,8 @@ class ConsoleProcess:
         except ValueError:
             self.close()
             raise LinkError(
-                "the console ended before it was ready", f"Its reason is in {self._log_path}"
+                f"the console ended before it was ready: {self._last_words()}",
+                "Run labr-mission doctor, and report this sentence if it finds nothing",
             ) from None
         if answer["event"] != "ready":
             self.close()
@@ -114,9 +115,20 @@ class ConsoleProcess:
         self.close()
 
     def wait(self) -> None:
-        """Until it ends by itself."""
-        if self._process is not None:
-            self._process.wait()
+        """Until it ends by itself.
+
+        Raises:
+            LinkError: when it has failed.
+        """
+        if self._process is not None and self._process.wait() != 0:
+            raise LinkError(
+                f"the console has ended: {self._last_words()}", "Start it anew; a flight goes on without it"
+            )
+
+    def _last_words(self) -> str:
+        """The last line of its log, which may be gone when somebody wants to look."""
+        lines = self._log_path.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        return lines[-1].strip() if lines else "without a word"
 
     @property
     def pid(self) -> int | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import dataclasses
 import json
 import logging
 import os
@@ -16,6 +17,7 @@ import socket
 import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import nicegui
@@ -37,13 +39,14 @@ TITLE = "LABR console"
 
 def serve(spec: dict[str, Any]) -> None:
     """Serve until told to end."""
-    listener = _listen(spec["host"], spec["port"])
-    port = listener.getsockname()[1]
     token_file = spec.get("token_file")
-    access = make_access(spec["host"], port, Path(token_file) if token_file else None)
+    # before anything listens, or is looked up
+    allowed = make_access(spec["host"], spec["port"], Path(token_file) if token_file else None)
+    listener = _listen(spec["host"], spec["port"])
+    access = dataclasses.replace(allowed, port=listener.getsockname()[1])
     feed = _feed(spec)
     try:
-        server = uvicorn.Server(
+        server = Server(
             uvicorn.Config(
                 build(feed, access),
                 log_level="warning",
@@ -58,6 +61,15 @@ def serve(spec: dict[str, Any]) -> None:
     finally:
         feed.close()
         listener.close()
+
+
+class Server(uvicorn.Server):
+    """Ends when it is told to, but not by Ctrl-C: that is for the executive, and means hold at first."""
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Called by the handlers that uvicorn sets while it serves."""
+        if sig != signal.SIGINT:
+            super().handle_exit(sig, frame)
 
 
 def build(feed: Feed, access: Access) -> Gate:
@@ -133,7 +145,7 @@ def main() -> int:
     """Read what to serve, and serve it."""
     spec = json.loads(sys.stdin.readline())
     die_with_parent(signal.SIGTERM, parent_pid=spec["parent"])
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the executive's business
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # until it serves; see Server
     os.nice(NICE)
     logging.basicConfig(
         level=logging.INFO, format="%(relativeCreated)9d ms %(levelname)-7s %(name)s: %(message)s"

@@ -7,12 +7,11 @@ that reads a short history sees what the ring still holds.
 from __future__ import annotations
 
 import json
-import os
 import struct
 from pathlib import Path
 from typing import Any
 
-from labr_autonomy.errors import BadInput, LinkError
+from labr_autonomy.errors import BadInput
 from labr_autonomy.perception.shared_ring import RingReader, RingWriter
 
 _LENGTH = struct.Struct("=I")
@@ -39,7 +38,7 @@ class JsonWriter:
         """Publish one object; returns its number.
 
         Raises:
-            BadInput: when it is larger than the slot.
+            BadInput: when it is larger than the slot, or holds a figure that is not finite.
         """
         data = encode(message)
         if len(data) > self._size_max:
@@ -64,8 +63,7 @@ class JsonReader:
 
     def __init__(self, name: str, timeout_s: float = 0.0) -> None:
         self._name = name
-        self._ring = RingReader(name, timeout_s, "slot")
-        _own(name)
+        self._ring = RingReader(name, timeout_s, "slot", own=True)
         self._last = 0
 
     @property
@@ -103,8 +101,15 @@ def exists(name: str) -> bool:
 
 
 def encode(value: Body) -> bytes:
-    """Compact JSON; figures that are not finite must have been made null."""
-    return json.dumps(value, allow_nan=False, separators=(",", ":")).encode()
+    """Compact JSON.
+
+    Raises:
+        BadInput: when a figure is not finite; it must have been made null.
+    """
+    try:
+        return json.dumps(value, allow_nan=False, separators=(",", ":")).encode()
+    except ValueError as error:
+        raise BadInput(f"a message for shared memory is not JSON: {error}") from None
 
 
 def decode(data: bytes) -> Body:
@@ -125,10 +130,3 @@ def decode(data: bytes) -> Body:
 def _content(payload: bytes) -> Body:
     (length,) = _LENGTH.unpack_from(payload)
     return decode(payload[_LENGTH.size : _LENGTH.size + length])
-
-
-def _own(name: str) -> None:
-    """Another user may have taken the name first, and must not be obeyed."""
-    owner = (_FOLDER / name).stat().st_uid
-    if owner != os.getuid():
-        raise LinkError(f"shared memory '{name}' belongs to user {owner}", "Remove it as that user")

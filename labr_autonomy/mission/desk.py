@@ -21,6 +21,7 @@ from labr_autonomy.console.requests import Kind, Request, parse
 from labr_autonomy.console.slot import JsonReader, JsonWriter, exists
 from labr_autonomy.errors import BadInput, LinkError
 from labr_autonomy.ground.state import GroundState
+from labr_autonomy.guard.failsafe import Reaction
 from labr_autonomy.guard.fence import Zone, margin_m
 from labr_autonomy.mission import operator
 from labr_autonomy.mission.budget import joules_to_finish
@@ -30,7 +31,7 @@ from labr_autonomy.mission.pilot import Actions, Order, Pilot
 from labr_autonomy.mission.portrait import Body, Joules, portrait
 from labr_autonomy.mission.preflight import Check, preflight
 from labr_autonomy.mission.steps import Kind as StepKind
-from labr_autonomy.mission.steps import OnFail, Step
+from labr_autonomy.mission.steps import OnFail, Status, Step
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.planner.messages import PlanRequest, PlanResult
 from labr_autonomy.types import Array, Mode, Odometry
@@ -73,6 +74,8 @@ class Desk:
         self._looked_s = -math.inf
         self._pause_after: Step | None = None
         self._probe: tuple[Request, Step, float] | None = None
+        self._probe_sent: int | None = None  # the plan request that first carried it
+        self._ages_s: Mapping[str, float] = {}
         self._events: deque[tuple[int, float, str]] = deque(maxlen=EVENTS_KEPT)
         self._said = 0
         self._trail: deque[tuple[float, float, float, float]] = deque(maxlen=TRAIL_MAX)
@@ -81,6 +84,7 @@ class Desk:
         self._plan: PlanResult | None = None
         self._checks: list[Check] = []
         self._outcome = ""
+        self._unshown = False
         self.note = ""
 
     # ------------------------------------------------------------------ opening and closing
@@ -116,6 +120,7 @@ class Desk:
         if self.stage is Stage.RUNNING:
             self.stage = Stage.PAUSED
             self._say("operator: hold (again to land and stop)")
+            self._forget_probe("the operator said hold at the terminal")
         else:
             self.end()
 
@@ -128,13 +133,12 @@ class Desk:
     # ------------------------------------------------------------------ requests
     def poll(self, estimate: Odometry | None, ages_s: Mapping[str, float], now_s: float) -> bool:
         """Carry out what was asked since the last tick; True when anything was."""
+        self._ages_s = ages_s
         self.lease, said = admission.expire(self.lease, now_s)
         if said:
             self._say(said)
         if self._probe is not None and now_s - self._probe[2] > PROBE_S:
-            request, _, _ = self._probe
-            self._probe = None
-            self._settle(request, f"the planner did not answer within {PROBE_S:g} s; try again")
+            self._forget_probe(f"the planner did not answer within {PROBE_S:g} s; try again")
         asked = self._new_requests(now_s)
         for message in asked:
             try:
@@ -146,6 +150,8 @@ class Desk:
                 self._say(outcome.say)
             if outcome.act is not None:
                 self._carry_out(outcome.act, estimate, ages_s, now_s)
+        if self._probe is not None and self._probe[0].page != self.lease.holder:
+            self._forget_probe("the page that asked has lost control")
         return bool(asked)
 
     def _new_requests(self, now_s: float) -> list[Body]:
@@ -171,10 +177,11 @@ class Desk:
     def _carry_out(
         self, request: Request, estimate: Odometry | None, ages_s: Mapping[str, float], now_s: float
     ) -> None:
-        stage, refusal = operator.step(self.stage, request.kind, ages_s)
+        stage, refusal = operator.step(self._stage_now(), request.kind, ages_s)
         if refusal:
             self._settle(request, refusal)
             return
+        self._forget_probe(f"{request.kind.value} came before the planner's answer")
         if request.kind is Kind.GOTO:
             self._go_to(request, now_s)
             return
@@ -188,6 +195,11 @@ class Desk:
                 pass
         self.stage = stage
         self._settle(request)
+
+    def _stage_now(self) -> Stage:
+        """The stage, which is the last one also when the mission itself is over: nothing revives it then."""
+        over = self._pilot.steps.status in (Status.DONE, Status.FAILED)
+        return Stage.ENDING if over or self._pilot.failsafe.reaction >= Reaction.LAND else self.stage
 
     def _change_steps(self, kind: Kind, estimate: Odometry | None, now_s: float) -> None:
         self._pause_after = None
@@ -224,8 +236,14 @@ class Desk:
         if z is not None:  # the map's ways are on the floor; in the air the planner finds out
             self._begin_going(request, step, now_s)
             return
-        self._probe = (request, step, now_s)
+        self._probe, self._probe_sent = (request, step, now_s), None
         self._settle(request, asked=True)
+
+    def _forget_probe(self, why: str) -> None:
+        """A place that is still being asked about is not gone to any more: what came since counts."""
+        if self._probe is not None:
+            request, self._probe = self._probe[0], None
+            self._settle(request, why)
 
     def _begin_going(self, request: Request, step: Step, now_s: float) -> None:
         self._pilot.insert([step], now_s)
@@ -235,7 +253,11 @@ class Desk:
 
     def with_probe(self, request: PlanRequest) -> PlanRequest:
         """The planner's next request, with the place that the operator asks about."""
-        return request if self._probe is None else replace(request, probe_m=self._probe[1].goal_m)
+        if self._probe is None:
+            return request
+        if self._probe_sent is None:
+            self._probe_sent = request.sequence
+        return replace(request, probe_m=self._probe[1].goal_m)
 
     def take_plan(self, result: PlanResult, now_s: float) -> None:
         """A plan came back, perhaps with the answer about a place."""
@@ -244,10 +266,13 @@ class Desk:
             self._cells = result.map_xy_m
         if result.probe is None or self._probe is None:
             return
+        if self._probe_sent is None or result.sequence < self._probe_sent:
+            return  # the answer about a place that was asked for before
         request, step, _ = self._probe
         self._probe = None
-        if result.probe or self.stage in (Stage.WAITING, Stage.ENDING):
-            self._settle(request, result.probe or "the mission is coming to its end")
+        _, refusal = operator.step(self._stage_now(), request.kind, self._ages_s)  # as things stand now
+        if refusal or result.probe:
+            self._settle(request, refusal or result.probe)
         else:
             self._begin_going(request, step, now_s)
 
@@ -318,7 +343,12 @@ class Desk:
             outcome=self._outcome,
         )
         if self._state is not None:
-            self._state.write(state)
+            try:
+                self._state.write(state)
+            except BadInput as error:  # the page's links turn red, and the flight goes on
+                if not self._unshown:
+                    self._say(f"the console is not shown the newest state: {error.what}")
+                self._unshown = True
         return state
 
     def show_map(self) -> None:
@@ -327,12 +357,12 @@ class Desk:
             self._map.write(self._cells, np.array(self._trail, np.float32).reshape(-1, 4))
 
     def _joules(self, estimate: Odometry | None, ground: GroundState, air: AirState) -> Joules:
-        left = 1.0 if air.battery_remaining is None else air.battery_remaining
-        above = max(0.0, left - self._config.energy.reserve) * self._config.energy.pack_j
+        left = math.nan if air.battery_remaining is None else air.battery_remaining
+        above = np.maximum(0.0, left - self._config.energy.reserve) * self._config.energy.pack_j
         here = self._home_m if estimate is None else estimate.pose.position_m
         needed = joules_to_finish(self._pilot.steps_left(), here, self._pilot.mode, self._energy)
         power_w = ground.battery_v * ground.current_a
-        return Joules(self._record.meter.energy_j, above, needed, ground.battery_v, power_w)
+        return Joules(self._record.meter.energy_j, float(above), needed, ground.battery_v, power_w)
 
 
 def _sigma_m(estimate: Odometry) -> float:

@@ -29,6 +29,9 @@ from labr_autonomy.types import Array, KeyPoints, Odometry, Trajectory
 Body = dict[str, Any]
 
 PATH_POINTS = 24
+STEPS_SHOWN = 60  # a mission may have hundreds; these are around the present one
+STEPS_BEFORE = 10
+SENTENCE_MAX = 300  # characters of an event
 MU_LIMIT = 0.5  # a path whose probability to collide is above this is not followed
 
 
@@ -37,7 +40,7 @@ class Joules:
     """The energy account [J]."""
 
     used: float
-    left: float  # in the pack, above the reserve
+    left: float  # in the pack, above the reserve; nan while the autopilot does not report its charge
     needed: float  # to the mission's end, at least
     voltage_v: float
     power_w: float
@@ -117,6 +120,8 @@ def portrait(
         outcome: How the mission ended, once it has.
     """
     goal = None if actions.step is None or actions.step.goal_m is None else actions.step
+    first = max(0, min(pilot.steps.index - STEPS_BEFORE, len(steps) - STEPS_SHOWN))
+    shown = list(enumerate(steps))[first : first + STEPS_SHOWN]
     return {
         "stamp_s": stamp_s,
         "time_s": round(max(0.0, stamp_s - started_s), 2) if stage is not Stage.WAITING else 0.0,
@@ -139,7 +144,9 @@ def portrait(
             "air": goal.in_air,
         },
         "leg": pilot.steps.index,
-        "steps": [_step(s, i, pilot.steps.index, pilot.steps.status) for i, s in enumerate(steps)],
+        "steps": [_step(s, i, pilot.steps.index, pilot.steps.status) for i, s in shown],
+        "steps_first": first,
+        "steps_total": len(steps),
         "energy": {
             "used_j": number(joules.used, 0),
             "left_j": number(joules.left, 0),
@@ -157,7 +164,7 @@ def portrait(
             "height_m": number(float(estimate.pose.position_m[2]) - pilot.floor_z_m, 2),
         },
         "plan": None if plan is None else _plan(plan),
-        "events": [[n, round(s - started_s, 2), text] for n, s, text in events],
+        "events": [[n, round(s - started_s, 2), text[:SENTENCE_MAX]] for n, s, text in events],
         "checks": [[c.name, c.passed, c.figure, c.fix] for c in checks],
         "outcome": outcome,
         "control": {

@@ -59,7 +59,7 @@ def preflight(
         ground: The land controller's word.
         air: The autopilot's word.
         sigma_m: Standard deviation of the position estimate [m].
-        energy_left_j: In the pack, above the reserve [J].
+        energy_left_j: In the pack, above the reserve [J]; nan when it is not known.
         energy_needed_j: What the mission takes at least [J].
         logs_ok: Whether every log is being written.
     """
@@ -75,6 +75,7 @@ def preflight(
     ]
     left = air.battery_remaining
     reserve = config.energy.reserve
+    has = f"{energy_left_j / 1e3:.1f} kJ" if math.isfinite(energy_left_j) else "an unknown charge"
     checks += [
         _check(
             "position",
@@ -97,7 +98,7 @@ def preflight(
         _check(
             "energy",
             energy_needed_j <= energy_left_j,
-            f"needs {energy_needed_j / 1e3:.1f} kJ, has {energy_left_j / 1e3:.1f} kJ above the reserve",
+            f"needs {energy_needed_j / 1e3:.1f} kJ, has {has} above the reserve",
             "charge the pack, or shorten the mission",
         ),
         _check(

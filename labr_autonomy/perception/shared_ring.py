@@ -138,10 +138,12 @@ class RingReader:
         name: Name given to the writer.
         timeout_s: How long to wait for the writer to appear [s].
         what: What the block carries, for the error sentence.
+        own: Follow this user's blocks only: another user may take the name when the writer has left it.
     """
 
-    def __init__(self, name: str, timeout_s: float, what: str) -> None:
+    def __init__(self, name: str, timeout_s: float, what: str, *, own: bool = False) -> None:
         self.name = name
+        self._own = own
         self._file = _path(name)
         self._map: mmap.mmap | None = None
         self._clock = SystemClock()
@@ -159,6 +161,11 @@ class RingReader:
         try:
             with self._file.open("rb") as file:
                 stat = os.fstat(file.fileno())
+                if self._own and stat.st_uid != os.getuid():
+                    raise LinkError(
+                        f"shared memory '{self.name}' belongs to user {stat.st_uid}",
+                        "Remove it as that user.",
+                    )
                 if stat.st_size < _ALIGN:
                     return False  # just being made
                 mapped = mmap.mmap(file.fileno(), stat.st_size, access=mmap.ACCESS_READ)
@@ -188,7 +195,10 @@ class RingReader:
         return self._slots
 
     def newest(self) -> int | None:
-        """Sequence number of the newest complete entry; None before the first."""
+        """Sequence number of the newest complete entry; None before the first.
+
+        A block that took the place of the followed one and cannot be read, or is another user's, is ignored.
+        """
         if self._map is None:
             raise LinkError(f"shared memory '{self.name}' was closed", "Make a new reader.")
         now_s = self._clock.now_s()
@@ -197,7 +207,7 @@ class RingReader:
             self._seen, self._news_s = newest, now_s
         elif now_s - self._news_s > _STALE_S:
             self._news_s = now_s
-            with suppress(FileNotFoundError):
+            with suppress(FileNotFoundError, LinkError):  # what cannot be read is no news
                 if self._file.stat().st_ino != self._inode and self._attach():
                     newest = self._seen = self._words[_W_NEWEST]
         return newest or None

@@ -9,6 +9,8 @@ from __future__ import annotations
 import json
 import logging
 import math
+import os
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +44,8 @@ class PlannerLog:
         self._stopped = False
         self._flush_due_s = self._clock.now_s() + FLUSH_S
         self._seen = -1
+        self._syncing = ThreadPoolExecutor(1, thread_name_prefix="planner log to disk")
+        self._synced: Future[None] | None = None
         self._stream = path.open("wb")
         self._writer = Writer(self._stream)
         self._writer.start(profile="", library="labr-autonomy")
@@ -71,16 +75,24 @@ class PlannerLog:
                 self._flush_due_s = now_s + FLUSH_S
                 self._writer.flush()
                 self._stream.flush()
+                self._sync()
         except OSError as error:
             self._stopped = True
             log.warning("planner.mcap has stopped: %s", error.strerror)
 
+    def _sync(self) -> None:
+        """Have it on the disk, not in memory that a power cut empties; planning does not wait for it."""
+        if self._synced is None or self._synced.done():
+            done, self._synced = self._synced, self._syncing.submit(os.fdatasync, self._stream.fileno())
+            if done is not None:
+                done.result()  # raises what the disk said last time
+
     def close(self) -> None:
         """Finish the file."""
-        if self._stopped:
-            return
+        self._syncing.shutdown()
         try:
-            self._writer.finish()
+            if not self._stopped:
+                self._writer.finish()
             self._stream.close()
         except OSError as error:
             log.warning("planner.mcap is not whole: %s", error.strerror)

@@ -1,7 +1,7 @@
 """Logs that were cut off (power, a killed process) made whole again: everything before the tear is kept.
 
-The logs close a chunk every half second, so a cut loses less than one second. The torn file stays beside the
-repaired one as `*.torn`.
+The logs close a chunk every half second and have it put on the disk, so a cut loses less than one second. The
+torn file stays beside the repaired one as `*.torn`.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ class Repaired:
         """As a sentence."""
         if self.whole:
             return f"{self.name}: whole, nothing to repair"
+        if not self.messages:
+            return f"{self.name}: nothing in it can be read; it is put aside as {self.name}.torn"
         kept = f"{self.messages} messages over {self.length_s:.1f} s"
         return f"{self.name}: repaired, {kept} kept; the torn file is {self.name}.torn"
 
@@ -44,13 +46,29 @@ class Repaired:
 def repair_run(run: Path) -> list[Repaired]:
     """Repair every MCAP file of a run.
 
+    One that cannot be read at all, such as a log that was just opened when the power went, is put aside.
+
     Raises:
-        BadInput: when there is none.
+        BadInput: when there is none, or not one that can be read.
     """
     logs = sorted(run.glob("*.mcap"))
     if not logs:
         raise BadInput(f"{run} has no MCAP file", "Name the folder of a run")
-    return [repair(path) for path in logs]
+    found, lost = [], []
+    for path in logs:
+        try:
+            found.append(repair(path))
+        except BadInput as error:
+            lost.append((path, error))
+    if not found:
+        raise lost[0][1]
+    return found + [put_aside(path) for path, _ in lost]
+
+
+def put_aside(path: Path) -> Repaired:
+    """Rename a file of which nothing can be read, so that the rest of the run can be used."""
+    path.replace(path.with_name(f"{path.name}.torn"))
+    return Repaired(path.name, False, 0, 0.0)
 
 
 def repair(path: Path) -> Repaired:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from labr_autonomy.record.codec import pack
+
 
 @dataclass(frozen=True, slots=True)
 class Difference:
@@ -52,10 +54,21 @@ class Verdict:
             "ticks": self.ticks,
             "complete": self.complete,
             "differences": [
-                {"part": d.part, "where": d.where, "field": d.path, "recorded": d.recorded, "now": d.now}
+                {
+                    "part": d.part,
+                    "where": d.where,
+                    "field": d.path,
+                    "recorded": _json_ready(d.recorded),
+                    "now": _json_ready(d.now),
+                }
                 for d in self.differences
             ],
         }
+
+
+def _json_ready(value: Any) -> Any:
+    """An element of an array may be what JSON has no figure for."""
+    return pack(value) if isinstance(value, float) else value
 
 
 def _short(value: Any) -> str:

@@ -83,15 +83,23 @@ def test_a_silent_page_loses_control_and_a_living_one_keeps_it():
     state, said = expire(held_by("A"), NOW_S + LEASE_S - 0.01)
     assert (state.holder, said) == ("A", "")
     asked, _ = admit(state, ask(Kind.PAUSE, sequence=5), NOW_S)
-    kept, _ = admit(asked, Request("A", 5, Kind.KEEP, 0.0), NOW_S + LEASE_S)
+    kept, _ = admit(asked, Request("A", 5, Kind.KEEP, NOW_S + LEASE_S), NOW_S + LEASE_S)
     assert expire(kept, NOW_S + 2 * LEASE_S - 0.01)[0].holder == "A"
     lost, said = expire(kept, NOW_S + 2 * LEASE_S + 0.1)
     assert lost.holder == ""
     assert "page A was silent for 5.1 s" in said
 
 
+@pytest.mark.parametrize(("stamp_s", "alive_s"), [(NOW_S - 9.0, NOW_S), (NOW_S + 1.0, NOW_S + 1.0)])
+def test_a_sign_of_life_counts_from_when_the_page_was_heard(stamp_s, alive_s):
+    kept, _ = admit(held_by("A"), Request("A", 1, Kind.KEEP, stamp_s), NOW_S + 4.0)
+    assert kept.alive_s == alive_s
+    ahead, _ = admit(held_by("A"), Request("A", 1, Kind.KEEP, NOW_S + 99.0), NOW_S + 4.0)
+    assert ahead.alive_s == NOW_S + 4.0
+
+
 def test_a_page_that_watches_keeps_nobody_alive():
-    state, _ = admit(held_by("A"), Request("B", 1, Kind.KEEP, 0.0), NOW_S + LEASE_S)
+    state, _ = admit(held_by("A"), Request("B", 1, Kind.KEEP, NOW_S + LEASE_S), NOW_S + LEASE_S)
     assert expire(state, NOW_S + LEASE_S + 0.1)[0].holder == ""
 
 

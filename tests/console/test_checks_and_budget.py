@@ -49,6 +49,7 @@ def test_all_pass_on_a_good_robot_and_none_asks_for_a_fix():
         ({"air": replace(AIR, battery_remaining=None)}, "battery", "not reported"),
         ({"ground": replace(GROUND, battery_v=14.2)}, "voltage", "14.2 V"),
         ({"energy_needed_j": 6000.0}, "energy", "needs 6.0 kJ, has 5.0 kJ"),
+        ({"energy_left_j": math.nan}, "energy", "needs 1.0 kJ, has an unknown charge"),
         ({"ground": replace(GROUND, mode=mode_word(LAND_MODE_ESTOP))}, "emergency stop", "latched"),
         ({"ground": replace(GROUND, faults=("wheel stalled",))}, "land controller's faults", "wheel stalled"),
         ({"air": replace(AIR, failsafe=True)}, "autopilot's health", "in failsafe"),

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from labr_autonomy.console.requests import Kind, Request
 from labr_autonomy.console.slot import JsonReader, JsonWriter
 from labr_autonomy.frames import quaternion_from_rpy
 from labr_autonomy.ground.state import GroundState
-from labr_autonomy.guard.failsafe import Health
+from labr_autonomy.guard.failsafe import Health, Reaction
 from labr_autonomy.guard.fence import Zone
 from labr_autonomy.mission.desk import PROBE_S, Desk
 from labr_autonomy.mission.logbook import Logbook
@@ -90,6 +91,12 @@ class Rig:
     def answer(self):
         last = self.desk.lease.answers[-1]
         return last.verdict, last.reason
+
+    def send_probe(self, sequence):
+        motion = Motion(self.place, np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0)
+        pose = self.odometry().pose
+        request = PlanRequest(sequence, 1, pose, pose, 0.0, motion, Mode.LAND, np.zeros(3), False, 0.0, 1.0)
+        return self.desk.with_probe(request)
 
     def show(self):
         return self.desk.show(self.actions, self.odometry(), self.ages, GROUND, AIR, True, self.now_s)
@@ -189,15 +196,12 @@ def test_a_click_outside_the_fence_is_refused_with_the_distance(begun):
 
 def test_a_click_is_asked_of_the_planner_and_then_driven_to(begun):
     assert begun.ask(Kind.GOTO, (2.0, 1.0, None))[0] == "asked"
-    motion = Motion(begun.place, np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0)
-    pose = begun.odometry().pose
-    request = PlanRequest(1, 1, pose, pose, 0.0, motion, Mode.LAND, np.zeros(3), False, 0.0, 1.0)
-    assert begun.desk.with_probe(request).probe_m[:2].tolist() == [2.0, 1.0]
+    assert begun.send_probe(1).probe_m[:2].tolist() == [2.0, 1.0]
     begun.desk.take_plan(plan(probe=""), begun.now_s)
     assert begun.answer()[0] == "accepted"
     begun.tick()
     assert begun.actions.step.label == "go to (2.0, 1.0) (operator)"
-    assert begun.desk.with_probe(request) is request
+    assert begun.send_probe(2).probe_m is None
     begun.place[:2] = (2.0, 1.0)
     begun.tick(40)
     assert begun.desk.stage is Stage.PAUSED  # there it stays until the operator says so
@@ -207,10 +211,69 @@ def test_a_click_is_asked_of_the_planner_and_then_driven_to(begun):
 
 def test_a_click_without_a_way_is_refused_with_the_planners_reason(begun):
     begun.ask(Kind.GOTO, (2.0, 1.0, None))
+    begun.send_probe(1)
     begun.desk.take_plan(plan(probe="the map shows no way there"), begun.now_s)
     assert begun.answer() == ("refused", "the map shows no way there")
     begun.tick()
     assert begun.actions.step is FIRST
+
+
+@pytest.mark.parametrize(
+    ("meanwhile", "stage"),
+    [
+        (lambda rig: rig.ask(Kind.PAUSE), Stage.PAUSED),
+        (lambda rig: rig.ask(Kind.LAND), Stage.RUNNING),
+        (lambda rig: rig.ask(Kind.RETURN), Stage.RUNNING),
+        (lambda rig: rig.ask(Kind.ABORT, page="B"), Stage.ENDING),
+        (lambda rig: rig.ask(Kind.TAKE, page="B"), Stage.RUNNING),
+        (lambda rig: rig.ask(Kind.RELEASE), Stage.RUNNING),
+        (lambda rig: rig.desk.interrupt(), Stage.PAUSED),
+        (lambda rig: (rig.ages.update(vio=0.8), rig.tick()), Stage.RUNNING),
+    ],
+    ids=["pause", "land", "return", "abort", "taken over", "given back", "ctrl-c", "stale link"],
+)
+def test_what_happens_before_the_planner_answers_overrules_the_click(begun, meanwhile, stage):
+    begun.ask(Kind.GOTO, (2.0, 1.0, None))
+    asked = begun.sequence
+    begun.send_probe(1)
+    meanwhile(begun)
+    begun.desk.take_plan(plan(probe=""), begun.now_s)
+    assert begun.desk.stage is stage
+    assert "go to (2.0, 1.0) (operator)" not in [s.label for s in begun.pilot.mission]
+    (answer,) = (a for a in begun.desk.lease.answers if a.sequence == asked)
+    assert answer.verdict == "refused"
+    assert answer.reason
+
+
+def test_the_answer_about_one_place_is_not_taken_for_another(begun):
+    begun.ask(Kind.GOTO, (2.0, 1.0, None))
+    begun.send_probe(7)
+    begun.ask(Kind.GOTO, (2.0, -1.0, None))
+    begun.desk.take_plan(plan(7, probe=""), begun.now_s)
+    assert begun.answer()[0] == "asked"
+    begun.send_probe(8)
+    begun.desk.take_plan(plan(7, probe=""), begun.now_s)
+    assert begun.answer()[0] == "asked"
+    begun.desk.take_plan(plan(8, probe="the map shows no way there"), begun.now_s)
+    assert begun.answer() == ("refused", "the map shows no way there")
+
+
+@pytest.mark.parametrize("kind", [Kind.SKIP, Kind.RETURN, Kind.LAND, Kind.GOTO, Kind.PAUSE, Kind.RESUME])
+@pytest.mark.parametrize("end", ["failed", "done", "failsafe"])
+def test_nothing_revives_a_mission_that_is_over(begun, kind, end):
+    """The executive ends soon; a robot that flew on would be left in the air."""
+    pilot = begun.pilot
+    if end == "failed":
+        pilot.fail("the planner has died")
+    elif end == "done":
+        pilot.steps = replace(pilot.steps, status=Status.DONE)
+    else:
+        pilot.failsafe = replace(pilot.failsafe, reaction=Reaction.LAND)
+    before = pilot.steps, pilot.mission
+    goal = (2.0, 1.0, 1.2) if kind is Kind.GOTO else None
+    assert begun.ask(kind, goal) == ("refused", "the mission is coming to its end")
+    assert (pilot.steps.status, pilot.mission) == (before[0].status, before[1])
+    assert begun.ask(Kind.ABORT)[0] == "accepted"
 
 
 def test_a_planner_that_does_not_answer_is_not_waited_for(begun):
@@ -250,9 +313,42 @@ def test_the_shown_state_reaches_a_reader_and_is_small(begun):
     reader.close()
 
 
+def test_the_longest_mission_is_shown_around_the_present_step(begun):
+    steps = [Step(StepKind.GOTO, f"goto (-12.25, {i}.125)", np.array([-12.253, i, 1.2])) for i in range(500)]
+    begun.pilot.load(steps, [FENCE])
+    for i in range(40):
+        begun.desk.noted(f"event {i}: {'many words ' * 100}", begun.now_s)
+    for index, first in ((0, 0), (30, 20), (499, 440)):
+        begun.pilot.steps = replace(begun.pilot.steps, index=index)
+        shown = begun.show()
+        assert (shown["steps_first"], shown["steps_total"], len(shown["steps"])) == (first, 500, 60)
+        assert [s["state"] for s in shown["steps"]].index("now") == index - first
+    reader = JsonReader(names.state_slot(os.getpid()))
+    assert reader.newest()[1]["leg"] == 499
+    assert not any("not shown" in sentence for sentence in begun.said)
+    reader.close()
+
+
+def test_a_state_that_cannot_be_shown_is_said_once_and_ends_nothing(begun):
+    for mode in ("x" * names.STATE_MAX, math.nan):
+        begun.desk.ended(mode)
+        begun.show()
+    begun.tick()
+    assert sum("not shown" in sentence for sentence in begun.said) == 1
+
+
 def test_a_figure_that_is_not_one_becomes_null(begun):
     begun.ages["vio"] = math.inf
     assert begun.show()["links"]["vio"]["age_s"] is None
+
+
+def test_a_charge_that_is_not_reported_is_unknown_and_not_full(rig):
+    unreported = replace(AIR, battery_remaining=None)
+    state = rig.desk.show(rig.actions, rig.odometry(), rig.ages, GROUND, unreported, True, rig.now_s)
+    assert state["energy"]["left_j"] is None
+    failed = {name: figure for name, passed, figure, _ in state["checks"] if not passed}
+    assert failed["battery"] == "not reported"
+    assert "an unknown charge" in failed["energy"]
 
 
 def test_a_link_that_nobody_knows_is_shown_and_breaks_nothing(begun):

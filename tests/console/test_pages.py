@@ -120,6 +120,19 @@ def test_a_viewer_asks_nothing_and_replays_nothing(pages):
     assert pages.feed.asked == []
 
 
+@pytest.mark.parametrize("value", [10**400, "1", True, float("nan")])
+def test_a_figure_that_is_none_moves_no_recording(pages, value):
+    pages._replay(session(pages), said(command="seek", value=value))
+    assert pages.feed.asked == [("seek", None)]
+
+
+def test_no_two_open_pages_have_one_name(pages, monkeypatch):
+    session(pages)
+    drawn = iter(["ab12", "ab12", "cd34"])
+    monkeypatch.setattr("secrets.token_hex", lambda _: next(drawn))
+    assert pages._new_name() == "CD34"
+
+
 def test_a_page_cannot_speak_for_another(pages):
     page = session(pages)
     pages._ask(page, said(sequence=1, kind="pause", stamp_s=1.0, page="FFFF"))
@@ -145,7 +158,8 @@ def test_asking_too_often_is_refused_but_never_an_abort(pages):
 def test_control_is_kept_for_pages_that_are_alive(pages):
     page = session(pages)
     page.heard_s = pages.clock.at_s
-    pages._keep_control()
-    pages.clock.at_s += 10.0
-    pages._keep_control()
-    assert [r.kind for r in pages.feed.asked] == [Kind.KEEP]
+    for _ in range(4):
+        pages._keep_control()
+        pages.clock.at_s += 2.0
+    # each says when the page was heard, so that silence is not counted from the last of them
+    assert [(r.kind, r.stamp_s) for r in pages.feed.asked] == [(Kind.KEEP, 100.0)] * 3

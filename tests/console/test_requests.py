@@ -30,6 +30,8 @@ def test_a_request_survives_the_wire():
         {"kind": None},
         {"stamp_s": math.nan},
         {"stamp_s": "now"},
+        {"stamp_s": 10**400},
+        {"goal_m": [1, -(10**400)]},
         {"stamp_s": True},
         {"goal_m": None},
         {"goal_m": [1]},

@@ -1,4 +1,5 @@
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ from labr_autonomy.console import names
 from labr_autonomy.console.map_slot import CELLS_MAX, MapReader, MapWriter
 from labr_autonomy.console.slot import JsonReader, JsonWriter
 from labr_autonomy.errors import BadInput, LinkError
+from labr_autonomy.perception import shared_ring
 
 
 @pytest.fixture
@@ -65,6 +67,41 @@ def test_a_slot_of_another_user_is_not_obeyed(name, monkeypatch):
         writer.close()
 
 
+def test_a_slot_that_another_user_puts_in_place_of_ours_is_not_obeyed(name, monkeypatch):
+    writer = JsonWriter(name, {}, 100, 4)
+    writer.write({"i": 1})
+    reader = JsonReader(name)
+    assert reader.since() == [{"i": 1}]
+    writer.close()  # the console ends; its name is free
+    theirs = JsonWriter(name, {}, 100, 4)
+    for _ in range(2):  # numbers go on from the clock's milliseconds, and these slots may be of one
+        theirs.write({"i": 2})
+    monkeypatch.setattr(shared_ring, "_STALE_S", -1.0)
+    monkeypatch.setattr(os, "getuid", lambda: 12345)
+    assert reader.since() == []
+    monkeypatch.undo()
+    monkeypatch.setattr(shared_ring, "_STALE_S", -1.0)
+    assert reader.since()[-1] == {"i": 2}  # a console of ours that was started anew
+    reader.close()
+    theirs.close()
+
+
+def test_a_slot_in_place_of_ours_that_cannot_be_opened_is_no_news_and_no_error(name, monkeypatch):
+    writer = JsonWriter(name, {}, 100, 4)
+    writer.write({"i": 1})
+    reader = JsonReader(name)
+    reader.since()
+    writer.close()
+    file = Path("/dev/shm") / name
+    file.mkdir()  # opening it fails, also for root
+    monkeypatch.setattr(shared_ring, "_STALE_S", -1.0)
+    try:
+        assert reader.since() == []
+    finally:
+        file.rmdir()
+        reader.close()
+
+
 def test_a_second_console_of_one_flight_is_refused(name):
     writer = JsonWriter(name, {}, 100, 4)
     try:
@@ -90,6 +127,12 @@ def test_the_map_comes_across_and_a_large_one_is_thinned(name):
         reader.close()
     finally:
         writer.close()
+
+
+def test_a_flight_that_ends_while_it_is_looked_for_is_none(tmp_path, monkeypatch):
+    (tmp_path / names.state_slot(os.getpid())).symlink_to(tmp_path / "gone")
+    monkeypatch.setattr(names, "_FOLDER", tmp_path)
+    assert names.running() == []
 
 
 def test_only_flights_that_run_are_found():

@@ -65,6 +65,17 @@ def test_a_whole_file_is_left_alone(run):
     assert not (run / "flight.mcap.torn").exists()
 
 
+def test_a_log_that_was_just_opened_does_not_keep_the_others_from_repair(run):
+    path = run / "flight.mcap"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    (run / "a-planner.mcap").write_bytes(b"")
+    done = CliRunner().invoke(main, ["replay", str(run), "--repair"])
+    assert done.exit_code == 0
+    assert "flight.mcap: repaired" in done.output
+    assert "a-planner.mcap: nothing in it can be read; it is put aside as a-planner.mcap.torn" in done.output
+    assert [p.name for p in sorted(run.glob("*planner*"))] == ["a-planner.mcap.torn"]
+
+
 def test_the_messages_are_the_same_after_repair(run):
     path = run / "flight.mcap"
     before = list(read_raw(path))

@@ -30,8 +30,8 @@ export default {
         </div>
         <div class="why" role="status" aria-live="polite">
           <b>{{ state.why }}</b>
-          <small>{{ facts?.mission }} &middot; step {{ Math.min(state.leg + 1, state.steps.length) }} of
-            {{ state.steps.length }} &middot; {{ time }}</small>
+          <small>{{ facts?.mission }} &middot; step {{ Math.min(state.leg + 1, stepsTotal) }} of
+            {{ stepsTotal }} &middot; {{ time }}</small>
         </div>
         <button type="button" class="ghost theme" @click="turnTheme"
           :aria-label="'colours: ' + theme + '; press to change'">{{ {auto: '◐', light: '☀', dark: '☾'}[theme] }}</button>
@@ -116,7 +116,7 @@ export default {
         <div class="bar" role="img" :aria-label="joules(state.energy.needed_j) + ' needed of ' + joules(state.energy.left_j)">
           <i :style="{width: share + '%'}" :class="{bad: share >= 100}"></i></div>
         <p class="fine"><b :class="{bad: share >= 100}">{{ joules(state.energy.needed_j) }} needed</b> to finish, at least
-          ({{ share < 1 ? '<1' : Math.round(share) }} %) &middot; {{ joules(state.energy.used_j) }} used &middot;
+          ({{ state.energy.left_j === null ? '?' : share < 1 ? '<1' : Math.round(share) }} %) &middot; {{ joules(state.energy.used_j) }} used &middot;
           {{ state.energy.power_w }} W &middot; {{ state.energy.voltage_v?.toFixed(1) }} V</p>
       </section>
 
@@ -151,7 +151,8 @@ export default {
       </section>
 
       <section class="panel steps" aria-label="mission steps">
-        <h2>Mission</h2>
+        <h2>Mission <small v-if="state.steps.length < stepsTotal">steps {{ stepsFirst + 1 }} to
+          {{ stepsFirst + state.steps.length }} of {{ stepsTotal }}</small></h2>
         <ol><li v-for="(s, i) in state.steps" :key="i" :class="s.state" :aria-current="s.state === 'now' ? 'step' : null">
           <span aria-hidden="true">{{ {done: '✓', now: '▶', next: '○', failed: '✗'}[s.state] }}</span>
           {{ s.label }} <small>{{ s.state === 'next' && ended ? 'not done' : s.state }}</small></li></ol>
@@ -195,6 +196,8 @@ export default {
     modeWord() { return this.ended ? "OVER" : this.state.mode; },
     modeLook() { return MODES[this.modeWord] || MODES.HOLD; },
     time() { return clock(this.state.time_s); },
+    stepsFirst() { return this.state.steps_first ?? 0; }, // a long mission is shown around the present step
+    stepsTotal() { return this.state.steps_total ?? this.state.steps.length; },
     links() {
       const extra = Math.max(0, this.silent_s);
       const rows = Object.entries(this.state.links).map(([key, link]) => {

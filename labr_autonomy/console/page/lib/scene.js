@@ -197,7 +197,7 @@ export class Scene {
     this.layer("plan", path, ...points);
     const goals = [];
     state.steps.forEach((step, i) => {
-      if (step.place_m && step.state !== "done") goals.push(...this.flag(step, i));
+      if (step.place_m && step.state !== "done") goals.push(...this.flag(step, i + (state.steps_first ?? 0)));
     });
     this.layer("goals", ...goals);
     this.layer("robot", state.pose ? this.robot(state) : null);
