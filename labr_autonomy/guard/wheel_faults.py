@@ -1,4 +1,4 @@
-"""What follows when the land controller stops the wheels by itself: rest, try again, and in the end stay. Pure.
+"""What follows when the land controller stops the wheels by itself: rest, try again, in the end stay. Pure.
 
 The controller latches a stalled or racing wheel, too high a current and a driver's fault until it is told to
 let go. Whoever lets go at once and drives on burns a motor in short bursts.
