@@ -112,6 +112,20 @@ def test_each_request_is_answered_in_time_and_the_page_works_by_keyboard_alone(f
     tab.close()
 
 
+def test_a_gloves_second_tap_does_not_count_but_stopping_always_does(flying, browser, page):
+    tab = Tab(browser, page.url).live()
+    tab.press("Take control", "labr.holds")
+    tab.hold("Start", "labr.state.stage === 'running'")
+    tab.page.wait_for_timeout(600)
+    tab.page.evaluate("labr.ask('pause'); labr.ask('resume')")
+    assert "second tap" in tab.page.evaluate("labr.answer.reason")
+    tab.until("labr.state.stage === 'paused'")
+    tab.page.evaluate("labr.ask('resume'); labr.ask('pause')")
+    tab.until("labr.answer.kind === 'pause' && labr.answer.verdict === 'accepted'")
+    tab.until("labr.state.stage === 'paused'")
+
+
+
 def test_stale_links_lock_driving_and_say_which(flying, browser, page):
     tab = Tab(browser, page.url).live()
     tab.press("Take control", "labr.holds")

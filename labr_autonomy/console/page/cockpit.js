@@ -5,6 +5,8 @@ import { Scene, HoldButton, age, joules, metres, clock } from "labr-page";
 
 const STALE_S = 0.5; // older than this, what the page shows may no longer be true: driving is locked
 const ABORT_HOLD_S = 0.6;
+const SLIP_S = 0.5; // a second tap so soon is a glove's
+const STOPS = new Set(["abort", "land", "pause"]); // these count at any time
 const LINK_NAMES = { vio: "VIO", depth: "Depth", air: "Autopilot", stm32: "STM32", plan: "Planner" };
 const MODES = {
   LAND: ["land", "◉ ◉"], AIR: ["air", "✛"], TRANSITION: ["between", "⇅"], HOLD: ["hold", "❚❚"], OVER: ["over", "■"],
@@ -176,7 +178,7 @@ export default {
 
   data: () => ({
     access: "asking", role: "", page: "", words: "Waiting for the flight ...", facts: null, state: null, over: false,
-    depth: null, replay: null, now_s: 0, received_s: 0, sequence: 0, answer: null, answered: 0,
+    depth: null, replay: null, now_s: 0, received_s: 0, sequence: 0, askedMs: -1e9, answer: null, answered: 0,
     picking: false, pick: { x: null, y: null, z: null }, theme: "auto", abortHold: ABORT_HOLD_S,
   }),
 
@@ -316,7 +318,11 @@ export default {
     // ---- what goes out
     ask(kind, goal_m) {
       this.sequence += 1;
-      this.answer = { sequence: this.sequence, kind, verdict: "sent", reason: "" };
+      const slip = !STOPS.has(kind) && performance.now() - this.askedMs < 1000 * SLIP_S;
+      const reason = slip ? `a second tap within ${SLIP_S} s does not count` : "";
+      this.answer = { sequence: this.sequence, kind, verdict: slip ? "refused" : "sent", reason };
+      if (slip) return;
+      this.askedMs = performance.now();
       // dated on the robot's clock as this page knows it: behind by as long as a state takes to get here, so
       // that a slow way here counts as much as a slow way back
       const stamp_s = this.state.stamp_s + performance.now() / 1000 - this.received_s;
