@@ -125,7 +125,6 @@ def test_a_gloves_second_tap_does_not_count_but_stopping_always_does(flying, bro
     tab.until("labr.state.stage === 'paused'")
 
 
-
 def test_stale_links_lock_driving_and_say_which(flying, browser, page):
     tab = Tab(browser, page.url).live()
     tab.press("Take control", "labr.holds")
