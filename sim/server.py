@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from firmware_bridge.pins import Duty
-from labr_autonomy.clock import Clock, SystemClock, Ticker
+from labr_autonomy.clock import Clock, SystemClock
 from labr_autonomy.config import Links, RobotConfig
 from labr_autonomy.errors import BadInput, LabrError
 from labr_autonomy.estimation.vio_link import udp_address
@@ -38,6 +38,7 @@ from sim.firmware.controller import EmulatedController
 from sim.land_controller import LandController
 from sim.movers.crowd import Crowd
 from sim.movers.place import movers_for
+from sim.pace import due_steps
 from sim.plant import STEP_S, Plant, WheelDrive, WheelDuty
 from sim.pose_slot import PoseSlotWriter
 from sim.referee import Referee
@@ -47,7 +48,6 @@ from sim.worlds.build import build_world
 from sim.worlds.surface import Surface
 
 VIO_PERIOD_S = 1.0 / 30.0
-BEHIND_MAX_S = 0.25  # further behind real time than this, time is let go
 CAMERA_TIMEOUT_S = 60.0
 
 log = logging.getLogger("labr.sim")
@@ -183,17 +183,9 @@ class Simulator:
 
     async def run(self) -> None:
         """Step in real time until `stop` is set."""
-        ticker = Ticker(self._clock, STEP_S)
-        stepped_s = self._clock.now_s()
-        while not self.stop.is_set():
-            await ticker.wait()
-            now_s = self._clock.now_s()
-            if now_s - stepped_s > BEHIND_MAX_S:
-                log.warning("simulation fell %.0f ms behind", (now_s - stepped_s) * 1e3)
-                stepped_s = now_s - STEP_S
-            while stepped_s + STEP_S <= now_s:
-                stepped_s += STEP_S
-                self._step(stepped_s)
+        async for stamps_s in due_steps(self._clock, STEP_S, self.stop, log):
+            for stamp_s in stamps_s:
+                self._step(stamp_s)
             if self._camera is not None and self._camera.poll() is not None:
                 log.error("the camera process ended with code %d", self._camera.returncode)
                 self._camera = None

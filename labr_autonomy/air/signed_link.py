@@ -12,15 +12,12 @@ import select
 import socket
 import threading
 from pathlib import Path
-from typing import Any
 
-from pymavlink import mavutil
 from pymavlink.dialects.v20 import development as mavlink
 
-from labr_autonomy.air.address import device_of
+from labr_autonomy.air.address import opened
 from labr_autonomy.air.signing import Signer, read_key, stamp_of, unsigned
 from labr_autonomy.clock import utc_s
-from labr_autonomy.errors import LinkError
 
 _log = logging.getLogger("labr.air")
 
@@ -43,15 +40,9 @@ class SignedLink:
     """
 
     def __init__(self, url: str, key_path: Path) -> None:
-        device, baud = device_of(url)
         self._stamp_path = key_path.with_name(key_path.name + ".stamp")
         self.signer = Signer(read_key(key_path), max(stamp_of(utc_s()), self._saved()))
-        try:
-            self._far: Any = mavutil.mavlink_connection(
-                device, baud=baud or 57600, dialect="development", force_connected=True
-            )
-        except (OSError, ValueError) as error:
-            raise LinkError(f"{url} cannot be opened: {error}", "Free it, or name another.") from None
+        self._far = opened(url)
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
         self._near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

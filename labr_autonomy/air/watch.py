@@ -12,6 +12,7 @@ import socket
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
+from labr_autonomy.air.address import port_of
 from labr_autonomy.errors import BadInput, LinkError
 
 DATAGRAM_MAX = 2048
@@ -34,10 +35,7 @@ class WatchAt:
             BadInput: It is no such address.
         """
         parts = urlsplit(url)
-        try:
-            port = parts.port
-        except ValueError:
-            port = None
+        port = port_of(parts)
         if parts.scheme not in ("udp", "udpout") or not parts.hostname or not port:
             raise BadInput(
                 f"'{url}' is no address of a ground station", "Write it like udp://127.0.0.1:14550."

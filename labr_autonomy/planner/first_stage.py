@@ -15,7 +15,7 @@ from labr_autonomy.types import Array, DepthFrame, KeyPoints, Source
 
 RANGE_M = 8.0  # farther goals are shown at most at this distance, on the floor
 FAR_M = 3.0 * RANGE_M  # a key point farther away than this is not meant
-JOIN_M = 0.6  # a path that ends this near the place it was asked for ends at it
+GOAL_JOIN_M = 0.6  # a path that ends this near the place it was asked for ends at it
 
 
 class FirstStage:
@@ -50,7 +50,7 @@ class FirstStage:
             if not sane:  # not a path: as if there were no image
                 points, mu = straight, 1.0
         points = np.array(level_to_odom(points, pose))
-        if float(np.linalg.norm(points[-1, :2] - goal[:2])) < JOIN_M:
+        if float(np.linalg.norm(points[-1, :2] - goal[:2])) < GOAL_JOIN_M:
             points[-1, :2] = goal[:2]
         drive_z_m = request.floor_z_m + self._below_m
         return KeyPoints(points, classify(points, drive_z_m), float(mu), Source.GKPN)

@@ -16,7 +16,7 @@ from labr_autonomy.perception.fields import Field2, Field3
 from labr_autonomy.perception.memory import Memory
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
-from labr_autonomy.planner.first_stage import FirstStage
+from labr_autonomy.planner.first_stage import GOAL_JOIN_M, FirstStage
 from labr_autonomy.planner.kept_ways import KeptWays
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
 from labr_autonomy.planner.places import AT_END_M, column_clear, column_m, column_radius_m
@@ -30,7 +30,6 @@ from labr_autonomy.refine.values import AirState, LandState, RefineResult
 from labr_autonomy.types import Array, DepthFrame, KeyPoints, Mode, Source, Trajectory
 
 UNDER_GOAL_M = 2.5  # how far from below an air goal out of the map's reach the drive may end
-GOAL_JOIN_M = 0.6  # a path that ends this near the goal ends at it
 ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow with ease
 NARROW_MARGIN_M = 0.01  # and so that it can follow at all
 TIGHT_M = 0.12  # as near as this to obstacles leads a way when there is no other

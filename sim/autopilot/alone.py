@@ -18,7 +18,7 @@ from typing import Protocol
 
 import numpy as np
 
-from labr_autonomy.clock import SystemClock, Ticker, utc_s
+from labr_autonomy.clock import SystemClock, utc_s
 from labr_autonomy.errors import LabrError
 from sim.autopilot.brain import Motors, Pack
 from sim.autopilot.copter import Copter
@@ -26,12 +26,12 @@ from sim.autopilot.sih import hil_state
 from sim.autopilot.vehicle import Vehicle
 from sim.battery import Battery
 from sim.external.endpoint import Endpoint
+from sim.pace import due_steps
 from sim.quad.quad import STEP_S, Quad
 from sim.quad.state import QuadState
 
 REST_M = 0.1221  # body above flat ground, on its wheels
 TRUTH_EVERY = 10  # steps: 25 Hz, as PX4's SIH
-BEHIND_MAX_S = 0.25
 STILL_MPS = 1e-3
 
 log = logging.getLogger("labr.sim.alone")
@@ -104,17 +104,9 @@ class Alone:
 
     async def run(self) -> None:
         """Step in real time until `stop` is set."""
-        ticker = Ticker(self._clock, STEP_S)
-        stepped_s = self._clock.now_s()
-        while not self.stop.is_set():
-            await ticker.wait()
-            now_s = self._clock.now_s()
-            if now_s - stepped_s > BEHIND_MAX_S:
-                log.warning("fell %.0f ms behind", (now_s - stepped_s) * 1e3)
-                stepped_s = now_s - STEP_S
-            while stepped_s + STEP_S <= now_s:
-                stepped_s += STEP_S
-                self.step(stepped_s)
+        async for stamps_s in due_steps(self._clock, STEP_S, self.stop, log):
+            for stamp_s in stamps_s:
+                self.step(stamp_s)
 
     def close(self) -> None:
         """Let go of the links."""

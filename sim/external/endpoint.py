@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from pymavlink import mavutil
 from pymavlink.dialects.v20 import development as mavlink
 
-from labr_autonomy.air.address import device_of
+from labr_autonomy.air.address import opened
 from labr_autonomy.errors import LinkError
 
 BATCH_MAX = 200  # datagrams taken at one look
@@ -26,14 +23,8 @@ class Endpoint:
     """
 
     def __init__(self, url: str) -> None:
-        device, baud = device_of(url)
         self._url = url
-        try:
-            self._link: Any = mavutil.mavlink_connection(
-                device, baud=baud or 57600, dialect="development", force_connected=True
-            )
-        except (OSError, ValueError) as error:
-            raise LinkError(f"{url} cannot be opened: {error}", "Free it, or name another.") from None
+        self._link = opened(url)
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
         self._codecs: dict[tuple[int, int], mavlink.MAVLink] = {}
