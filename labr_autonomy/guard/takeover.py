@@ -2,7 +2,9 @@
 
 What was measured on PX4: when set-points stop it lands, calls its own state critical and keeps "offboard" as
 the mode it was asked for; when they return it goes back to offboard by itself. When a pilot or a ground
-station changes the mode, the mode asked for changes too. ArduPilot tells no intention and never comes back.
+station changes the mode, the mode asked for changes too. That it is critical stands in a heartbeat that may come
+a second after the mode: where the mode asked for is told, it alone decides. ArduPilot tells no intention and
+never comes back.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ class Inputs:
     flying: bool  # rotors are ours to command
     mode: str  # "unknown" while its link is silent: that is not somebody else
     intended: str  # mode that it was asked for; "" where the autopilot does not tell
-    critical: bool  # it calls its own state critical
+    critical: bool  # it calls its own state critical; may lag the mode by a heartbeat
     landing_asked: bool  # we asked it to land
     restarted: bool  # its clock began anew since it took off
     resumes: bool = True  # it comes back by itself after lost set-points (PX4)
@@ -48,8 +50,8 @@ def step(state: State, i: Inputs, now_s: float) -> tuple[State, str]:
         return state, ""
     if i.mode in FOLLOWING or (i.landing_asked and i.mode == "land"):
         return State(), ""
-    own = i.intended in FOLLOWING or (not i.intended and i.mode in FAILSAFES)
-    if not (i.resumes and i.critical and own):
+    own = i.intended in FOLLOWING or (not i.intended and i.critical and i.mode in FAILSAFES)
+    if not (i.resumes and own):
         return State(), f"somebody else took over: the autopilot is in {i.mode}"
     since_s = now_s if state.failsafe_since_s is None else state.failsafe_since_s
     if now_s - since_s <= RESUME_S:

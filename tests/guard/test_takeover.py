@@ -37,15 +37,23 @@ def test_we_go_on_only_where_the_autopilot_follows_or_may_come_back(state):
         elif i.landing_asked and i.mode == "land":
             assert sentence == ""
         elif (
-            not (i.critical and i.resumes)
+            not i.resumes
             or i.intended in ("land", "position")
-            or (not i.intended and i.mode == "position")
+            or (not i.intended and (i.mode == "position" or not i.critical))
         ):
             assert i.mode in sentence
             assert "somebody else" in sentence
         else:
             long = state.failsafe_since_s is not None and 100.0 - state.failsafe_since_s > RESUME_S
             assert bool(sentence) is long
+
+
+def test_lost_set_points_are_told_from_a_takeover_before_the_heartbeat_says_critical():
+    state, sentence = step(State(), look(mode="land"), 10.0)
+    assert sentence == ""
+    assert step(state, look(), 10.1) == (State(), "")
+    _, sentence = step(State(), look(mode="land", intended="land"), 10.0)
+    assert "in land" in sentence
 
 
 def test_a_pilot_who_takes_over_during_a_failsafe_gets_it_at_once():
