@@ -82,6 +82,7 @@ class LandPlanner:
             self._model.dense,
             field,
             self.hard_m,
+            lambda x, u: self._model.over(x, u, x0),
         )
 
         def give(x: Array, u: Array, verdict: Verdict, source: Source, why: str) -> RefineResult:
@@ -96,7 +97,7 @@ class LandPlanner:
             if look is not None:
                 x, u = self._model.turn(x0, look)
                 verdict = task.judge(x, u)
-                if verdict.free:
+                if verdict.may_leave:
                     return give(x, u, verdict, Source.TURN, "looking where the path leads")
             return self._fallback(
                 task, state, call, f"the key points are blocked after {path.length_m:.1f} m"
@@ -105,7 +106,7 @@ class LandPlanner:
         if turn is not None:
             x, u = self._model.turn(x0, turn)
             verdict = task.judge(x, u)
-            if verdict.free:
+            if verdict.may_leave:
                 degrees = math.degrees(wrap_pi(turn - state.yaw))
                 return give(x, u, verdict, Source.TURN, f"turning by {degrees:.0f} degrees towards the path")
             return self._fallback(task, state, call, "no room to stop while turning towards the path")
@@ -161,7 +162,7 @@ class LandPlanner:
         if previous is not None and previous.end_s > call.now_s + STEP_S:
             seed = self._model.shifted(previous, call.now_s, task.x0)
             kept = task.solve(seed, seed[0][:, :2], None)
-            if kept is not None and kept.verdict.free:
+            if kept is not None and kept.verdict.may_leave:
                 out = self._model.trajectory(kept.x, kept.u, state, call.now_s, Source.PREVIOUS)
                 return call.result(out, kept.verdict, self.config.body.radius_m, why, stopped=True)
         x, u = self._model.brake(task.x0)
