@@ -6,7 +6,8 @@ Norms are limited through boxes that fit inside: horizontal speed by an octagon 
 A velocity between two nodes is a parabola, and its nodes say nothing of its peak. The rows therefore limit
 the point where the tangents of both ends meet, v + h a / 2: the control points of the velocity as a uniform
 quadratic B-spline, which lies in their hull (de Boor, A Practical Guide to Splines). In the first interval,
-whose control point is given, the jerk is limited so that the peak is not above the limit.
+whose control point is given, the jerk is limited so that the peak is not above the limit; where braking, too,
+has later ones above it, the plan brakes.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from labr_autonomy.config import AirLimits
 from labr_autonomy.frames import wrap_pi
@@ -117,6 +119,9 @@ class AirModel:
         for i, (down, up) in enumerate(speeds):
             jerk, acceleration = square[i] * env.jerk_mps3, square[i] * env.acceleration_mps2
             low[x[:, 6 + i]], high[x[:, 6 + i]] = limit(acceleration, acceleration, stops[1:, 6 + i])
+            above, below = _until(meets[1:, i] > up), _until(-meets[1:, i] > down)
+            high[x[:above, 6 + i]] = stops[1 : above + 1, 6 + i] + ROOM
+            low[x[:below, 6 + i]] = stops[1 : below + 1, 6 + i] - ROOM
             low[x[:, 3 + i]], high[x[:, 3 + i]] = limit(down, up, stops[1:, 3 + i])
             rows = self.problem.extra_rows[:, i]
             row_low[rows], row_high[rows] = limit(down, up, meets[1:, i])
@@ -231,6 +236,11 @@ def _over_horizon(x: Array, u: Array) -> tuple[Array, Array]:
     return x[: STEPS + 1], u[:STEPS]
 
 
+def _until(over: NDArray[np.bool_]) -> int:
+    """How many nodes from 1 on end the intervals up to the last one marked (STEPS,), the first being 1."""
+    return STEPS + 1 - int(over[::-1].argmax()) if over.any() else 0
+
+
 def _meets(x: Array) -> Array:
     """`_tangents` of states (n, 9), (n, 5)."""
     meet = x[:, 3:6] + STEP_S / 2 * x[:, 6:9]
@@ -250,7 +260,7 @@ def _motion(x: Array, u: Array) -> tuple[Array, Array, Array]:
 
 
 def _steepest(v: float, a: float, limit: float) -> float:
-    """The most jerk of a first interval that keeps a velocity's peak in it at the limit; inf without a peak."""
+    """The most jerk in a first interval that keeps a velocity's peak there at the limit; inf without one."""
     if a <= 0.0 or v + 0.5 * STEP_S * a <= limit:
         return math.inf
     return -(a**2) / (2.0 * (limit - v)) if limit > v else -math.inf

@@ -57,11 +57,11 @@ class LandModel:
         self.limits = limits
         self.problem = problem_of(SPEC)
 
-    def bounds(self, x0: Array) -> Bounds:
-        """Bounds of variables and rows; a start beyond a limit is let down to it."""
+    def bounds(self, brake: tuple[Array, Array]) -> Bounds:
+        """Bounds of variables and rows; from a start beyond a limit, `brake` (x, u) is within them too."""
         lim = self.limits
         low, high = np.full(self.problem.size, -np.inf), np.full(self.problem.size, np.inf)
-        stops = self.brake(x0)[0][1 : STEPS + 1, 3:]
+        stops = brake[0][1 : STEPS + 1, 3:]
         stops = np.concatenate([stops, np.zeros((STEPS - len(stops), 2))])
         for i, down, up in (
             (3, lim.reverse_mps, lim.speed_mps),
@@ -75,9 +75,9 @@ class LandModel:
         low[self.problem.u_index[:, -1]] = 0.0
         return Bounds(low, high, self.problem.row_low, self.problem.row_high)
 
-    def over(self, x: Array, u: Array, x0: Array) -> str:
+    def over(self, x: Array, u: Array, brake: tuple[Array, Array]) -> str:
         """The limit that a plan (n + 1, 5), (n, 2) breaks, "" if none; speeds are straight between nodes."""
-        lim, (stops, pushes) = self.limits, self.brake(x0)
+        lim, (stops, pushes) = self.limits, brake
         v, w, v_b, w_b = x[:, 3], x[:, 4], stops[:, 3], stops[:, 4]
         turn, turns = lim.yaw_rate_rps, lim.yaw_acceleration_rps2
         return worst(

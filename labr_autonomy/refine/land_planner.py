@@ -72,17 +72,18 @@ class LandPlanner:
         call = Call(self._clock, now_s, self._clock.now_s(), source, previous)
         lim = self.config.land
         x0 = vector(state)
+        brake = self._model.brake(x0)
         points = np.asarray(key_points_m, dtype=float)[:, :2]
         task = Task(
             self._model.problem,
             self._step,
             x0,
-            self._model.bounds(x0),
+            self._model.bounds(brake),
             self._model.settle,
             self._model.dense,
             field,
             self.hard_m,
-            lambda x, u: self._model.over(x, u, x0),
+            lambda x, u: self._model.over(x, u, brake),
         )
 
         def give(x: Array, u: Array, verdict: Verdict, source: Source, why: str) -> RefineResult:
