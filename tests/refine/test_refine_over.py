@@ -14,7 +14,8 @@ from labr_autonomy.refine.braking import brake_axis
 from labr_autonomy.refine.land import LandModel
 from labr_autonomy.refine.limits import GIVE, Limit, worst
 from labr_autonomy.refine.planner import Refiner
-from labr_autonomy.refine.values import STEP_S, AirState, LandState
+from labr_autonomy.refine.rti import Task
+from labr_autonomy.refine.values import STEP_S, STEPS, AirState, LandState
 from labr_autonomy.types import Source
 
 CONFIG = RobotConfig()
@@ -111,6 +112,39 @@ def test_above_the_height_limit_it_neither_rises_nor_hangs(refiner):
     assert result.source is Source.GKPN
     assert max(now.position_m[2] for now in motion(result.trajectory)) <= 2.6 + 0.005
     assert result.trajectory.position_m[-1, 2] < 2.3
+
+
+@pytest.mark.parametrize(
+    ("v", "a", "up_m", "nodes", "back_m"),
+    [
+        (0.465, 0.07, 0.52, 2, -0.259),
+        (0.568, 1.193, 0.521, 9, -0.066),
+        (0.456, 0.141, 0.318, 3, -0.265),
+        (0.438, 0.989, 0.446, 8, -0.195),
+    ],
+)
+def test_the_solver_sees_peaks_between_nodes(refiner, v, a, up_m, nodes, back_m):
+    """A reference that jumps up and down: the descent is at its limit for less than an interval."""
+    planner = refiner.air.__self__
+    model = planner._model
+    x0 = np.array([5.0, 5.0, 1.05, 0.43, 0.18, v, 0.1, 0.12, a])
+    brake = model.brake(x0, ENV)
+    task = Task(
+        model.problem,
+        planner._step,
+        x0,
+        model.bounds(ENV, brake),
+        model.settle,
+        model.dense,
+        boxes3([]),
+        planner.hard_m,
+        lambda x, u: model.over(x, u, ENV, brake),
+    )
+    reference = np.tile(x0[:3], (STEPS + 1, 1))
+    reference[:, 2] += np.where(np.arange(STEPS + 1) < nodes, up_m, back_m)
+    plan = task.solve(model.cold(x0, reference), reference, None)
+    assert plan is not None
+    assert plan.verdict.over == ""
 
 
 # ---- the check itself
