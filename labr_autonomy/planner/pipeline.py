@@ -234,7 +234,6 @@ class Pipeline:
                 points = to_key_points(way)
                 points = np.column_stack([points[:, :2], np.full(len(points), here[2])])
                 followed = KeyPoints(points, np.zeros(len(points), bool), network.mu, Source.SEARCH)
-        routed_s = self._clock.now_s()
         field = self._map.land_room(request.body_pose, request.floor_z_m, LAND_HALF_M)
         state = LandState(here[:2], motion.yaw_rad, motion.speed_mps, motion.yaw_rate_rps, float(here[2]))
         doing = self._way_out.step(
@@ -243,10 +242,11 @@ class Pipeline:
             lambda closed: self._ways(request, TIGHT_M, closed),
             room_above,
         )
+        routed_s = self._clock.now_s()
         if doing is not None:
             said = "; ".join(part for part in (self._way_out.state.action.value, why) if part)
             refined = self._doing(state, doing, field, request)
-            return None, refined, self._clock.now_s(), said
+            return None, refined, routed_s, said
         blocked = followed.source is Source.GKPN and bool(why)
         if blocked:  # nothing usable: come to rest
             trajectory = self._refiner.brake_land(state, request.start_s)
