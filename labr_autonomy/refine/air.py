@@ -56,6 +56,7 @@ def _tangents(x: Any) -> Any:
 
 
 SPEC = Spec("air", 3, 9, 3, _step, _cost, lambda x: x[3:9], _tangents)
+SAME = 1e-6  # [m/s, m/s^2] a state that is nearer to a plan's moves as it says
 ROOM = 5e-4  # [SI] left to the solver about the braking that a start beyond a limit leaves it
 
 
@@ -141,7 +142,7 @@ class AirModel:
 
         Tilt has no limit of its own: the norm of the acceleration bounds it.
         """
-        (p, v, a), (p_b, v_b, a_b) = _motion(x, u), _motion(*brake)
+        (p, v, a), (p_b, v_b, a_b) = _motion(x), _motion(brake[0])
         j, j_b = u, brake[1]
 
         def flat(vectors: Array) -> Array:
@@ -186,7 +187,7 @@ class AirModel:
 
     def dense(self, x: Array, u: Array) -> Array:
         """Positions at four samples an interval and at the end, (4 n + 1, 3)."""
-        return _motion(x, u)[0]
+        return _motion(x)[0]
 
     def cold(self, x0: Array, reference: Array) -> tuple[Array, Array]:
         """Seed from a timed reference (STEPS + 1, 3)."""
@@ -207,6 +208,21 @@ class AirModel:
         u: Array = np.diff(x[:, 6:9], axis=0) / STEP_S
         x[0] = x0
         return x, u
+
+    def rest_of(self, previous: Trajectory, now_s: float, x0: Array) -> tuple[Array, Array] | None:
+        """The rest of the previous plan from `now_s` on, moved to where the robot is, as long as that is.
+
+        Returns:
+            States (n + 1, 9) and jerks (n, 3); None where the robot moves otherwise than the plan says.
+        """
+        steps = max(2, math.ceil((previous.end_s - now_s) / STEP_S - 1e-9))
+        motion = [previous.sample(now_s + STEP_S * k) for k in range(steps + 1)]
+        x = np.array([np.concatenate([m.position_m, m.velocity_mps, m.acceleration_mps2]) for m in motion])
+        if float(np.abs(x[0, 3:] - x0[3:]).max()) > SAME:
+            return None
+        x[:, :3] += x0[:3] - x[0, :3]
+        x[0] = x0
+        return x, np.diff(x[:, 6:], axis=0) / STEP_S
 
     def brake(self, x0: Array, env: Envelope) -> tuple[Array, Array]:
         """To rest on each axis in the fewest intervals that jerk and acceleration allow.
@@ -247,16 +263,23 @@ def _meets(x: Array) -> Array:
     return np.concatenate([meet, meet[:, :2] @ _DIAGONALS.T], axis=1)
 
 
-def _motion(x: Array, u: Array) -> tuple[Array, Array, Array]:
-    """Positions, velocities and accelerations at `SUB` samples an interval and at the end, (SUB n + 1, 3)."""
+def _motion(x: Array) -> tuple[Array, Array, Array]:
+    """Positions, velocities and accelerations at `SUB` samples an interval and at the end, (SUB n + 1, 3).
+
+    As `Trajectory.sample` has them between the nodes (n + 1, 9), so that what is checked is what is flown.
+    """
+    f = np.arange(SUB)[:, None] / SUB
     p, v, a = (x[:-1, None, i : i + 3] for i in (0, 3, 6))
-    j, t = u[:, None], STEP_S * np.arange(SUB)[:, None] / SUB
-    between = (p + v * t + a * t**2 / 2 + j * t**3 / 6, v + a * t + j * t**2 / 2, a + j * t)
-    place, velocity, acceleration = (
+    way = x[1:, None, :3] - p
+    leaves, arrives = STEP_S * v - way, STEP_S * x[1:, None, 3:6] - way
+    place = p + f * way + f * (1.0 - f) * ((1.0 - f) * leaves - f * arrives)
+    velocity = (way + (1.0 - f) * (1.0 - 3.0 * f) * leaves - f * (2.0 - 3.0 * f) * arrives) / STEP_S
+    acceleration = a + f * (x[1:, None, 6:] - a)
+    out = [
         np.concatenate([values.reshape(-1, 3), x[-1:, i : i + 3]])
-        for values, i in zip(between, (0, 3, 6), strict=True)
-    )
-    return place, velocity, acceleration
+        for values, i in zip((place, velocity, acceleration), (0, 3, 6), strict=True)
+    ]
+    return out[0], out[1], out[2]
 
 
 def _steepest(v: float, a: float, limit: float) -> float:

@@ -32,9 +32,9 @@ from labr_autonomy.refine.choice import (
 )
 from labr_autonomy.refine.polytopes import Polytopes
 from labr_autonomy.refine.problem import TIGHT
-from labr_autonomy.refine.rti import Task
+from labr_autonomy.refine.rti import Plan, Task
 from labr_autonomy.refine.solver import QpStep
-from labr_autonomy.refine.values import STEP_S, STEPS, AirState, DistanceField, RefineResult, grid_s
+from labr_autonomy.refine.values import STEP_S, AirState, DistanceField, RefineResult, grid_s
 from labr_autonomy.types import Array, Mode, Source, Trajectory
 
 SLOW_MPS = 0.3
@@ -214,18 +214,29 @@ class AirPlanner:
         return trajectory(x, yaw, call.now_s, Source.TURN)
 
     def _fallback(self, task: Task, state: AirState, env: Envelope, call: Call, why: str) -> RefineResult:
+        options: list[tuple[Source, Plan]] = []
         previous = call.previous_of(Mode.AIR)
         if previous is not None and previous.end_s > call.now_s + STEP_S:
-            seed = self._model.shifted(previous, call.now_s, task.x0)
-            kept = task.solve(seed, seed[0][:, :3], None)
-            if kept is not None and kept.verdict.may_leave:
-                wanted = np.full(STEPS + 1, previous.yaw_rad[-1])
-                yaw = follow_yaw(state.yaw, self._yaw_rate(call), wanted, env.yaw_rate_rps)
-                out = trajectory(kept.x, yaw, call.now_s, Source.PREVIOUS)
-                return call.result(out, kept.verdict, self.outline_m, why, stopped=True)
-        x, u = self._model.brake(task.x0, env)
-        out = _hovering(x, state, call.now_s)
-        return call.result(out, task.judge(x, u), self.outline_m, why, stopped=True)
+            kept = self._model.rest_of(previous, call.now_s, task.x0)
+            if kept is not None:
+                options.append((Source.PREVIOUS, Plan(*kept, task.judge(*kept))))
+            if not any(plan.verdict.may_leave for _, plan in options):
+                seed = self._model.shifted(previous, call.now_s, task.x0)
+                tracked = task.solve(seed, seed[0][:, :3], None)
+                options += [] if tracked is None else [(Source.PREVIOUS, tracked)]
+        options = [option for option in options if not option[1].verdict.over]
+        brake = self._model.brake(task.x0, env)
+        options.append((Source.BRAKE, Plan(*brake, task.judge(*brake))))
+        free = [option for option in options if option[1].verdict.may_leave]
+        # braking may lead into what the previous plan went round: the farther one, then
+        source, plan = free[0] if free else max(options, key=lambda option: option[1].verdict.nearest_m)
+        if previous is None or source is Source.BRAKE:
+            out = _hovering(plan.x, state, call.now_s)
+        else:
+            wanted = np.full(len(plan.x), previous.yaw_rad[-1])
+            yaw = follow_yaw(state.yaw, self._yaw_rate(call), wanted, env.yaw_rate_rps)
+            out = trajectory(plan.x, yaw, call.now_s, source)
+        return call.result(out, plan.verdict, self.outline_m, why, stopped=True)
 
     def brake(self, state: AirState, now_s: float) -> Trajectory:
         """To a hover as fast as jerk and acceleration allow, wherever that is; the yaw is kept."""

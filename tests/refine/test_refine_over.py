@@ -147,6 +147,48 @@ def test_the_solver_sees_peaks_between_nodes(refiner, v, a, up_m, nodes, back_m)
     assert plan.verdict.over == ""
 
 
+# ---- the rest of the previous plan
+
+ROUND = np.array([[4.4, 4.9, 1.2], [5.2, 5.5, 1.2], [6.2, 5.5, 1.2], [7.5, 5.5, 1.2]])
+CORNER = (5.0, 0.0, 0.0, 6.0, 5.0, 3.1)
+
+
+def flown_for(refiner, after_s):
+    """A plan round a corner, and the state that far along it."""
+    begin = AirState(np.array([4.4, 4.2, 1.2]), np.array([0.0, 0.8, 0.0]), np.zeros(3), math.pi / 2.0)
+    before = refiner.air(begin, ROUND, boxes3([CORNER]), 0.0, None).trajectory
+    assert before.source is Source.GKPN
+    at = before.sample(after_s)
+    return before, AirState(at.position_m, at.velocity_mps, at.acceleration_mps2, at.yaw_rad)
+
+
+@pytest.mark.parametrize("after_s", [0.13, 0.3, 0.47, 0.6, 0.85])
+def test_without_a_new_plan_the_previous_one_is_flown_to_its_end_as_it_is(refiner, after_s):
+    before, state = flown_for(refiner, after_s)
+    nowhere = np.full((1, 3), np.nan)
+    result = refiner.air(state, nowhere, boxes3([CORNER]), after_s, before)
+    assert (result.source, result.stopped) == (Source.PREVIOUS, True)
+    assert result.clearance_m + refiner.air.__self__.outline_m >= refiner.air_hard_m - 1e-3
+    for t in np.arange(after_s, before.end_s, 0.02):
+        assert result.trajectory.sample(t).position_m == pytest.approx(before.sample(t).position_m, abs=1e-3)
+
+
+@pytest.mark.parametrize("after_s", [0.13, 0.3, 0.47, 0.6, 0.85])
+@pytest.mark.parametrize("nearer_m", [0.1, 0.2])
+def test_with_nothing_free_the_way_farther_from_obstacles_is_flown(refiner, after_s, nearer_m):
+    before, state = flown_for(refiner, after_s)
+    field = boxes3([(5.0 - nearer_m, *CORNER[1:4], 5.0 + nearer_m, CORNER[5])])
+
+    def nearest(tr):
+        return field.lookup(np.array([now.position_m for now in motion(tr)])).min()
+
+    result = refiner.air(state, np.full((1, 3), np.nan), field, after_s, before)
+    assert (
+        nearest(result.trajectory)
+        >= min(nearest(refiner.brake_air(state, after_s)), refiner.air_hard_m) - 1e-3
+    )
+
+
 # ---- the check itself
 
 
