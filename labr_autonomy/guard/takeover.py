@@ -2,9 +2,9 @@
 
 What was measured on PX4: when set-points stop it lands, calls its own state critical and keeps "offboard" as
 the mode it was asked for; when they return it goes back to offboard by itself. When a pilot or a ground
-station changes the mode, the mode asked for changes too. That it is critical stands in a heartbeat that may come
-a second after the mode: where the mode asked for is told, it alone decides. ArduPilot tells no intention and
-never comes back.
+station changes the mode, the mode asked for changes too. That it is critical stands in a heartbeat that may
+come a second after the mode: where the mode asked for is told, it alone decides. ArduPilot tells no intention
+and never comes back.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from labr_autonomy.frames import wrap_pi, yaw_of
 from labr_autonomy.modes.decision import lift_off_distance_m
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.perception.driving_kernels import CELL_M
-from labr_autonomy.perception.fields import Field2, Field3
+from labr_autonomy.perception.fields import Bits, Field2, Field3
 from labr_autonomy.perception.memory import Memory
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
@@ -37,7 +37,7 @@ CAREFUL_MPS = 0.3
 PUSH_M = 0.08  # by so much the refiner pushes a path out of obstacles
 LAND_HALF_M = 4.5  # of the map that a trajectory is checked against
 FIELD_HALF_M = (3.5, 3.5)
-RING_M = 0.2  # about a robot that begins to drive the floor is taken for free: the camera cannot see it
+RING_M = 0.25  # about a robot that begins to drive the floor is taken for free: the camera cannot see it
 MAP_EVERY_S = 1.0
 
 
@@ -69,6 +69,7 @@ class Pipeline:
         self._seen = -1
         self._drawn_s = -math.inf
         self._energy = EnergyModel.of(config)
+        self._turn_m = config.land.speed_mps / config.land.yaw_rate_rps  # a turn costs the time of so many
         self._seen_field: Field2
 
     def cycle(self, request: PlanRequest, frame: DepthFrame | None) -> PlanResult:
@@ -133,14 +134,15 @@ class Pipeline:
         def search() -> CostToGo:
             self._seen_field = self._map.land_field(request.body_pose, request.floor_z_m)
             if self._memory is not None:
-                self._memory.remember(self._seen_field.coarser(), request.body_pose.position_m)
+                place_m = request.body_pose.position_m
+                self._memory.remember(self._seen_field.coarser(), place_m, self._map.walls())
             return self._ways(request, None, ())
 
         return self._land_ways.of((float(goal[0]), float(goal[1])), request.start_s, search)
 
     def _ways(self, request: PlanRequest, tight_m: float | None, closed: tuple[Array, ...]) -> CostToGo:
         goal, hard_m = request.goal_m, self._refiner.land_hard_m
-        plan = self._seen_field.coarser() if self._memory is None else self._memory.plan(goal)
+        plan, likely = self._plan(goal)
         offers = None
         if request.goal_in_air and self._seen_field.contains(goal[None, :2])[0]:
             air = self._ways_in_air(request, goal, float(goal[2]))
@@ -153,8 +155,13 @@ class Pipeline:
             roomy_m=hard_m + ROUTE_MARGIN_M,
             tight_m=tight_m,
             closed=closed,
+            likely=likely,
             offers=offers,
         )
+
+    def _plan(self, goal_m: Array) -> tuple[Field2, Bits | None]:
+        """What searches on land go by, and where it is likely solid though unknown."""
+        return (self._seen_field.coarser(), None) if self._memory is None else self._memory.plan(goal_m)
 
     def _take_off_column(self, request: PlanRequest) -> tuple[Field2, float]:
         """What stands in the way of take-offs, and the free radius that they need at a cell's middle."""
@@ -227,7 +234,7 @@ class Pipeline:
             self._route, why = routes.State(Source.SEARCH, request.start_s, 0), "at the goal"
         followed = KeyPoints(land_part, np.zeros(len(land_part), bool), network.mu, Source.GKPN)
         if self._route.source is Source.SEARCH:
-            way = ways.path(here[:2])
+            way = ways.path(here[:2], motion.yaw_rad, self._turn_m)
             if way is None:
                 why = f"{why}; no way on the map"
             else:
@@ -350,8 +357,8 @@ class Pipeline:
         if place is None:
             return None
         hard_m = self._refiner.land_hard_m
-        plan = self._seen_field.coarser() if self._memory is None else self._memory.plan(place)
-        ways = CostToGo(plan, place[:2], hard_m + NARROW_MARGIN_M)
+        plan, likely = self._plan(place)
+        ways = CostToGo(plan, place[:2], hard_m + NARROW_MARGIN_M, likely=likely)
         if math.isfinite(ways.cost_m(request.body_pose.position_m[:2])):
             return ""
         if float(plan.lookup(place[None, :2])[0]) <= hard_m:

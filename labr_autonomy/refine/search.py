@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labr_autonomy.perception.fields import Field2
+from labr_autonomy.frames import wrap_pi
+from labr_autonomy.perception.fields import Bits, Field2
 from labr_autonomy.refine.shortest import costs_from, cut_cost
 from labr_autonomy.types import Array
 
@@ -23,10 +24,14 @@ START_SNAP_M = 0.8
 NEAR_COST, NEAR_M = 1.5, 0.25  # extra cost of a cell at the outline, and its decay with distance
 KEEP_M = 0.05  # distance beyond the radius where the extra cost is full
 ON_CELL = 0.51  # a goal this many cells from a cell's centre lies in it
+LIKELY_COST = 8.0  # factor on unknown cells that are likely solid
 NARROW_COST = 3.0  # factor on cells that are nearer to obstacles than a way likes to be
 TIGHT_COST = 20.0  # factor on cells that are nearer to obstacles than a way should be
 CLOSED_M = 0.35  # round a place through which no way is to lead
 GAIN = 1.02  # a straight cut may cost this much of what it replaces
+LEG_M = 0.8  # a way's first direction is that to its place so far along
+BEARINGS = 24  # other directions that are looked at
+TAKEN_M = 0.05  # a beginning is another one when it is better by this
 
 
 class CostToGo:
@@ -43,6 +48,7 @@ class CostToGo:
         roomy_m: Ways keep this distance where the detour is short: nearer is dearer by `NARROW_COST`.
         tight_m: Ways may come as near as this to obstacles, at `TIGHT_COST`; `radius_m` when left out.
         closed: (k, 2) places that no way leads through, within `CLOSED_M`.
+        likely: (nx, ny) unknown cells that are likely solid: ways past them are dearer by `LIKELY_COST`.
         offers: (nx, ny) what it costs to go on from each cell by other means [m], inf where that cannot be.
             Ways then end where they and the offer together are cheapest, not at the goal.
     """
@@ -58,6 +64,7 @@ class CostToGo:
         roomy_m: float = 0.0,
         tight_m: float | None = None,
         closed: Sequence[Array] = (),
+        likely: Bits | None = None,
         offers: Array | None = None,
     ) -> None:
         self._field = field
@@ -71,6 +78,8 @@ class CostToGo:
         self._price = cell_cost(distance, sure, radius_m, unknown_cost)
         if roomy_m > radius_m:
             self._price = np.where(distance > roomy_m, self._price, NARROW_COST * self._price)
+        if likely is not None:
+            self._price = np.where(_within(likely, radius_m / field.cell_m), LIKELY_COST, 1.0) * self._price
         if tight_m is not None:
             self._price = np.where(distance > radius_m, self._price, TIGHT_COST * self._price)
         ends, costs = self._goal(reach_m) if offers is None else self._offered(offers)
@@ -107,10 +116,7 @@ class CostToGo:
         at = self._index(place_xy)
         if at is None or not np.isfinite(self._cost_m[at]):
             return None
-        way = [at]
-        while self._before[way[-1]] >= 0:
-            way.append(int(self._before[way[-1]]))
-        return way
+        return self._onwards(at)
 
     def end(self, place_xy: Array) -> Array | None:
         """Where the way from a place (2,) ends, (2,) odom; None without a way."""
@@ -147,15 +153,67 @@ class CostToGo:
                 return place
         return None
 
-    def path(self, start_xy: Array) -> Array | None:
-        """Corners of the shortest way, (k, 2) odom with the start first; None without a way."""
+    def path(self, start_xy: Array, heading_rad: float | None = None, turn_m: float = 0.0) -> Array | None:
+        """Corners of the cheapest way, (k, 2) odom with the start first; None without a way.
+
+        Args:
+            start_xy: (2,) odom.
+            heading_rad: Where the robot looks; its turns at the beginning count when this is given.
+            turn_m: What turning by a radian costs, in metres driven.
+        """
         way = self._way(start_xy)
         if way is None:
             return None
+        if heading_rad is not None:
+            way = self._begun_well(way, heading_rad, turn_m)
         cells = np.stack(np.unravel_index(way, self._free.shape), axis=1)
         cells = straightened(cells, self._free, self._price)
         path: Array = self._field.origin_m + (cells + 0.5) * self._field.cell_m
         return np.vstack([np.asarray(start_xy, dtype=float), path[1:-1], self._place(way[-1])])
+
+    def _begun_well(self, way: list[int], heading_rad: float, turn_m: float) -> list[int]:
+        """The way, or one that begins in another direction and is cheaper with the turns that each takes.
+
+        A robot that has begun on one of two ways keeps to it while the other is not shorter by what turning
+        round costs: else it would turn to and fro as each shows itself longer than it was believed to be.
+        """
+        reach = round(LEG_M / self._field.cell_m)
+        if len(way) <= reach:
+            return way
+        shape = self._free.shape
+        start = np.array(np.unravel_index(way[0], shape))
+
+        def with_turns(cost_m: float, first: int, onwards: list[int]) -> float:
+            places = np.stack(np.unravel_index([way[0], first, onwards[-1]], shape), axis=1)
+            (ax, ay), (bx, by) = np.diff(places, axis=0)
+            begins = math.atan2(ay, ax)
+            turns = abs(wrap_pi(begins - heading_rad))
+            if bx or by:
+                turns += abs(wrap_pi(math.atan2(by, bx) - begins))
+            return cost_m + turn_m * turns
+
+        best, taken = with_turns(float(self._cost_m[way[0]]), way[reach], way[reach : 2 * reach + 1]), way
+        for bearing in np.linspace(0.0, 2.0 * math.pi, BEARINGS, endpoint=False):
+            cell = np.rint(start + reach * np.array([math.cos(bearing), math.sin(bearing)])).astype(int)
+            if not ((cell >= 0) & (cell < shape)).all() or not self._free[cell[0], cell[1]]:
+                continue
+            leg_m = self._field.cell_m * cut_cost(np.stack([start, cell]), 0, 1, self._free, self._price)
+            first = int(np.ravel_multi_index((cell[0], cell[1]), shape))
+            cost_m = leg_m + float(self._cost_m[first])
+            if cost_m >= best:
+                continue
+            rest = self._onwards(first)
+            total = with_turns(cost_m, first, rest[: reach + 1])
+            if total < best - TAKEN_M:
+                best, taken = total, [way[0], *rest]
+        return taken
+
+    def _onwards(self, cell: int) -> list[int]:
+        """The cells of the way from a cell, itself first."""
+        way = [cell]
+        while self._before[way[-1]] >= 0:
+            way.append(int(self._before[way[-1]]))
+        return way
 
 
 def search_land(
@@ -168,14 +226,14 @@ def search_land(
     return CostToGo(field, goal_xy, radius_m, unknown_cost).path(start_xy)
 
 
-def cell_cost(distance_m: Array, known: NDArray[np.bool_], radius_m: float, unknown_cost: float) -> Array:
+def cell_cost(distance_m: Array, known: Bits, radius_m: float, unknown_cost: float) -> Array:
     """Price of a metre in each cell: 1 far from obstacles, more near them and where nothing was seen."""
     price = 1.0 + NEAR_COST * np.exp(-np.maximum(distance_m - radius_m - KEEP_M, 0.0) / NEAR_M)
     out: Array = price * np.where(known, 1.0, unknown_cost)
     return out
 
 
-def snap(field: Field2, free: NDArray[np.bool_], place: Array, reach_m: float) -> NDArray[np.int64] | None:
+def snap(field: Field2, free: Bits, place: Array, reach_m: float) -> NDArray[np.int64] | None:
     """The free cell nearest to a place, (2,), or None beyond `reach_m`."""
     u = (np.asarray(place, dtype=float) - field.origin_m) / field.cell_m - 0.5
     reach = reach_m / field.cell_m
@@ -190,16 +248,22 @@ def snap(field: Field2, free: NDArray[np.bool_], place: Array, reach_m: float) -
     return near[best] if gap[best] <= reach + math.sqrt(0.5) else None
 
 
-def _surely_known(field: Field2, radius_m: float) -> NDArray[np.bool_]:
+def _surely_known(field: Field2, radius_m: float) -> Bits:
     """Cells whose surroundings within the radius are known, but for gaps between rays."""
     unknown = cv2.morphologyEx((~field.known).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    reach = 2 * round(radius_m / field.cell_m) + 1
-    near = cv2.dilate(unknown, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
-    sure: NDArray[np.bool_] = field.known & (near == 0)
+    sure: Bits = field.known & ~_within(unknown > 0, radius_m / field.cell_m)
     return sure
 
 
-def _shut(free: NDArray[np.bool_], at: Array, radius: float) -> None:
+def _within(cells: Bits, radius: float) -> Bits:
+    """Cells whose middle is within a radius [cells] of one of some cells."""
+    reach = 2 * round(radius) + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
+    near: Bits = cv2.dilate(cells.astype(np.uint8), disc) > 0
+    return near
+
+
+def _shut(free: Bits, at: Array, radius: float) -> None:
     """Take a disc of cells out of the free ones."""
     low = np.clip(np.floor(at - radius).astype(int), 0, free.shape)
     high = np.clip(np.ceil(at + radius).astype(int) + 1, 0, free.shape)
@@ -207,7 +271,7 @@ def _shut(free: NDArray[np.bool_], at: Array, radius: float) -> None:
     free[low[0] : high[0], low[1] : high[1]] &= (i - at[0]) ** 2 + (j - at[1]) ** 2 > radius**2
 
 
-def straightened(cells: NDArray[np.int64], free: NDArray[np.bool_], cost: Array) -> NDArray[np.int64]:
+def straightened(cells: NDArray[np.int64], free: Bits, cost: Array) -> NDArray[np.int64]:
     """Corners only: straight cuts that stay free and cost no more than what they replace."""
     spans = np.hypot(*np.diff(cells, axis=0).T)
     price = cost[tuple(cells.T)]
