@@ -40,6 +40,7 @@ STOPPED_RPS = 0.1
 SAY_AGAIN_S = 5.0  # the guard's word on the same matter
 LATE_PLAN_S = 0.3  # a plan whose beginning is longer ago than this is not followed
 FLOOR_GAIN = 0.2  # a tick; slower ones lag by decimetres on a ramp, quicker ones take jolts for floor
+HOP_M = 10.0  # of flight that a hop over something must have joules for
 TAKE_OFFS_MAX = 3  # refused that often, the mission has failed
 ROTORS_OURS = frozenset({Phase.LIFTING, Phase.FLYING, Phase.DESCENDING})  # entered following, as reported
 
@@ -122,6 +123,7 @@ class Pilot:
         self._course = Course()
         self._floor_z_m: float | None = None
         self._refused = 0
+        self._battery_left = 1.0
         self._started_s: float | None = None
         self._now_s = self._before_s = 0.0
         self._commanded_land = False
@@ -245,7 +247,7 @@ class Pilot:
         if self._started_s is None:
             self._started_s = self._before_s = now_s
             self.steps = replace(self.steps, entered_s=now_s)
-        before = self.failsafe
+        before, self._battery_left = self.failsafe, look.health.battery_left
         self.failsafe = failsafe.step(self.failsafe, look.health, now_s)
         if self.failsafe.reaction is not before.reaction and self.failsafe.sentence:
             events.append(f"{self.failsafe.reaction.name.lower()}: {self.failsafe.sentence}")
@@ -540,7 +542,14 @@ class Pilot:
             floor_z_m=self.floor_z_m,
             lift_to_m=self.lift_to_m(step),
             fresh=self._course.wants_fresh(),
+            may_hop=self._may_hop(step),
         )
+
+    def _may_hop(self, step: Step | None) -> bool:
+        """Whether policy and battery allow flying over what is in the way of a goal on land."""
+        energy, allowed = self._energy, step is None or step.policy is not Policy.GROUND
+        spare_j = (self._battery_left - self._config.energy.reserve) * self._config.energy.pack_j
+        return allowed and spare_j > energy.transition_j() + energy.air_j(HOP_M)
 
     def accept(self, result: PlanResult, now_s: float) -> None:
         """Take over a plan that came back, unless it came too late or nothing is to be followed."""

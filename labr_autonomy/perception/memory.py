@@ -17,6 +17,7 @@ SIDE_M = 60.0
 EDGE_M = 12.0  # nearer than this to its edge the robot is put back into the middle
 SEAM_M = 1.0  # so far inside the rolling map distances do not miss what lies beyond it
 AROUND_M = 3.0  # of unknown floor beyond all that was seen a way may lead through
+SOLID_M = 0.05  # nearer than this to what stands there a cell is that
 FAR_M = 9.0  # distance to obstacles where none was seen
 
 
@@ -37,13 +38,17 @@ class Memory:
         self._corner: NDArray[np.int64] | None = None  # odom, in whole cells
         self._low, self._high = np.full(2, n), np.zeros(2, np.int64)  # what was ever near
 
-    def remember(self, near: Field2, place_m: Array, walls_m: Array | None = None) -> None:
+    def remember(
+        self, near: Field2, place_m: Array, walls_m: Array | None = None, sure: Bits | None = None
+    ) -> None:
         """Take in what is seen round the robot.
 
         Args:
             near: Distances round the robot, in cells of this plan.
             place_m: (2|3,) the robot, odom.
             walls_m: (k, 2) where something as high as a wall stands, odom.
+            sure: (nx, ny) cells of `near` that were looked at long enough to believe that what stood there
+                is gone; all that are known when it is left out. Floor is seen before what stands on it.
         """
         self._follow(np.asarray(place_m[:2], float))
         assert self._corner is not None
@@ -61,6 +66,9 @@ class Memory:
         here = np.s_[low[0] : high[0], low[1] : high[1]]
         there = np.s_[low[0] - first[0] : high[0] - first[0], low[1] - first[1] : high[1] - first[1]]
         fresh = near.known[there] | ~self._known[here]
+        if sure is not None:
+            stood = self._known[here] & (self._distance_m[here] <= SOLID_M)
+            fresh &= ~stood | sure[there] | (near.distance_m[there] <= SOLID_M)
         self._distance_m[here] = np.where(fresh, near.distance_m[there], self._distance_m[here])
         self._known[here] |= near.known[there]
         self._low, self._high = np.minimum(self._low, low), np.maximum(self._high, high)

@@ -69,3 +69,15 @@ def test_a_wall_seen_higher_up_is_likely_solid_below_until_that_is_seen_and_move
         assert likely.sum() == len(wall)
     memory.remember(around(6.0, 0.0), np.array([6.0, 0.0]))
     assert not memory.plan(np.zeros(2))[1].any()
+
+
+def test_what_stood_there_is_gone_only_where_the_floor_was_seen_long_enough():
+    memory, at_wall, beside = Memory(0.1), np.array([[3.05, 1.05]]), np.array([[2.55, 1.05]])
+    memory.remember(around(0.0, 0.0, wall_x=3.0), np.zeros(2))
+    free = around(0.0, 0.0)
+    memory.remember(free, np.zeros(2), None, np.zeros_like(free.known))
+    plan, _ = memory.plan(np.zeros(2))
+    assert plan.lookup(at_wall)[0] < 0.1, "the floor round it was seen again, it was not yet"
+    assert plan.lookup(beside)[0] > 1.0
+    memory.remember(free, np.zeros(2), None, np.ones_like(free.known))
+    assert memory.plan(np.zeros(2))[0].lookup(at_wall)[0] > 1.0
