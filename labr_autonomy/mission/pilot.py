@@ -169,11 +169,18 @@ class Pilot:
             now_s: The present.
             resumes: It comes back by itself after lost set-points.
         """
-        flying = self.transition.phase in ROTORS_OURS
-        if not flying:
+        flying, arming = self.transition.phase in ROTORS_OURS, self.transition.phase is Phase.ARMING
+        if not (flying or arming):
             self._restarts_seen = restarts
         inputs = takeover.Inputs(
-            flying, mode, intended, critical, self._commanded_land, restarts > self._restarts_seen, resumes
+            flying=flying,
+            mode=mode,
+            intended=intended,
+            critical=critical,
+            landing_asked=self._commanded_land,
+            restarted=restarts > self._restarts_seen,
+            resumes=resumes,
+            arming=arming,
         )
         self._takeover, sentence = takeover.step(self._takeover, inputs, now_s)
         return sentence
@@ -373,6 +380,8 @@ class Pilot:
         self, look: Look, step: Step | None, wants: Mode, now_s: float, events: list[str]
     ) -> transition.Outputs:
         assert look.odometry is not None
+        if self._takeover.in_doubt and self.failsafe.reaction is not Reaction.YIELD:
+            return transition.Outputs(wheels=False, rotors=True)  # not even a disarming: it may be theirs now
         before = self.transition.phase
         inputs = transition.Inputs(
             wants=wants,
@@ -452,9 +461,10 @@ class Pilot:
         air: SetPoint | None = None
         reference: SetPoint | None = None
         held = self.failsafe.reaction is not Reaction.NONE or look.order is not Order.FLY
+        yields = self.failsafe.reaction is Reaction.YIELD
         if outputs.wheels and not held and progress.step is not None and progress.step.kind is Kind.GOTO:
             reference, speed, turn = self._drive(look, now_s, events)
-        elif outputs.rotors and self.failsafe.reaction is not Reaction.YIELD:
+        elif outputs.rotors and not (yields or self._takeover.in_doubt):
             staying = progress.step is None or progress.step.kind is not Kind.GOTO
             reference = self._fly(held or staying, now_s, events)
             # while the autopilot lands or lifts off by itself, set-points would only confuse it
@@ -468,7 +478,7 @@ class Pilot:
             air_lock=outputs.rotors,
             air=air,
             reference=reference,
-            command=None if self.failsafe.reaction is Reaction.YIELD else outputs.command,
+            command=None if yields else outputs.command,
             events=tuple(events),
             reached=progress.reached,
             failed=progress.failed,

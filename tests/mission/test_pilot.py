@@ -304,6 +304,74 @@ def test_a_restart_on_the_floor_is_no_reason_to_yield():
     assert robot.actions.reaction is Reaction.NONE
 
 
+def arming(robot, until):
+    return robot.run(60, until=lambda r: r.actions.phase is Phase.ARMING and until(r))
+
+
+def asked_to_arm(robot):
+    return any(command is Command.ARM for _, command in robot.pending)
+
+
+@pytest.mark.parametrize("armed", [False, True])
+def test_whoever_changes_the_mode_while_arming_gets_the_robot_and_it_neither_lifts_nor_disarms(armed):
+    robot = arming(Robot(AIR_GOAL, HOME), asked_to_arm)
+    robot.pending = []
+    robot.armed, robot.mode, robot.intended = armed, "position", "position"
+    for _ in range(round(8.0 / TICK_S)):
+        robot.step()
+        assert robot.actions.command is None
+        assert robot.actions.air is None
+    assert robot.armed is armed
+    assert Phase.LIFTING not in robot.phases
+    assert robot.actions.reaction is Reaction.YIELD
+    assert "in position" in robot.pilot.failsafe.sentence
+
+
+def test_whoever_changes_the_mode_before_the_autopilot_follows_is_not_overruled():
+    robot = arming(Robot(AIR_GOAL, HOME), lambda r: r.pending)
+    robot.pending, robot.mode = [], "position"
+    for _ in range(round(8.0 / TICK_S)):
+        robot.step()
+        assert robot.actions.command is None
+    assert robot.actions.reaction is Reaction.YIELD
+
+
+def test_a_take_off_survives_a_message_that_came_late():
+    robot = arming(Robot(AIR_GOAL, HOME), asked_to_arm)
+    robot.mode = "hold"
+    for _ in range(5):
+        robot.step()
+        assert robot.actions.command is None, "if it is a person, nothing may undo the choice meanwhile"
+    robot.mode = "offboard"
+    airborne(robot)
+    assert robot.actions.phase is Phase.FLYING
+
+
+def test_a_called_off_take_off_waits_until_it_is_clear_who_flies():
+    robot = arming(Robot(AIR_GOAL, HOME), asked_to_arm)
+    robot.pending, robot.armed = [], True
+    robot.mode, robot.order = "position", Order.LAND
+    robot.run(8.0)
+    assert robot.armed, "disarming is not ours to do any more"
+
+
+def test_a_failsafe_of_the_autopilot_while_arming_ends_in_another_try():
+    robot = arming(Robot(AIR_GOAL, HOME), asked_to_arm)
+    robot.mode, robot.intended, robot.critical = "land", "offboard", True
+    robot.run(3.0)
+    assert robot.actions.reaction is Reaction.NONE
+
+
+def test_an_autopilot_that_restarts_while_arming_is_not_armed_again():
+    robot = arming(Robot(AIR_GOAL, HOME), asked_to_arm)
+    robot.pending, robot.mode = [], "hold"
+    robot.restarts += 1
+    for _ in range(200):
+        robot.step()
+        assert robot.actions.command is None
+    assert "restarted while arming" in robot.pilot.failsafe.sentence
+
+
 def test_an_autopilot_that_lifts_off_by_command_gets_no_set_points_until_it_flies():
     robot = Robot(AIR_GOAL, HOME)
     robot.follow_mode, robot.lifts_by_command = "guided", True
