@@ -91,11 +91,13 @@ class AirChannel:
         self._recorder: Recorder | None = None
         self._signed: SignedLink | None = None
         self._commands: Commands | None = None
+        self._hello: Handshake | None = None
+        self._gives_origin = False
 
     # -- opening and closing ------------------------------------------------------------------------
 
     async def connect(self, timeout_s: float) -> None:
-        """Find the autopilot, check that it is ours and ask for the messages we read.
+        """Find the autopilot, check that it is ours and ask for the messages we read. Nothing is set on it.
 
         Raises:
             BadInput: The URL cannot be read.
@@ -135,14 +137,26 @@ class AirChannel:
         await self._until(lambda: True, self._clock.now_s(), deadline_s, f"{self._url} sent no heartbeat")
         beat = self._mailbox.latest["HEARTBEAT"].fields
         self.family = check_vehicle(number, beat, self._url, self._config.name)
-        hello = Handshake(self._link.send, self._commands, self._mailbox, self._clock)
+        self._hello = hello = Handshake(self._link.send, self._commands, self._mailbox, self._clock)
         await hello.ask_for_streams(self.family.streams)
         answer = await hello.ask_for_message("AUTOPILOT_VERSION", px4.MSG_AUTOPILOT_VERSION)
         self.release = None if answer is None else release_of(answer)
         if self.release is not None:
             check_release(self.family, self.release, self._url)
+
+    async def give_origin(self) -> None:
+        """Give an autopilot that wants one the origin of its position, now and after a restart of it.
+
+        For flights only: whoever just looks leaves the autopilot as it is.
+
+        Raises:
+            LinkError: It does not confirm, or the link is not open.
+        """
+        if self._hello is None:
+            raise LinkError("no origin was set: the air link is not open", "Connect first.")
         if self.family.wants_origin:
-            await hello.set_origin()
+            await self._hello.set_origin()
+            self._gives_origin = True
 
     async def close(self) -> None:
         """End all subscriptions, sockets and threads of this channel; can be called again."""
@@ -156,7 +170,7 @@ class AirChannel:
             self._recorder.close()
         if self._signed is not None:
             self._signed.close()
-        self._link = self._mailbox = self._recorder = self._commands = self._signed = None
+        self._link = self._mailbox = self._recorder = self._commands = self._signed = self._hello = None
 
     # -- every tick ---------------------------------------------------------------------------------
 
@@ -430,8 +444,7 @@ class AirChannel:
             self._try_send(
                 "COMMAND_LONG", command_fields(px4.CMD_SET_MESSAGE_INTERVAL, params, 0, px4.VEHICLE_SYSTEM)
             )
-
-        if self.family.wants_origin:
+        if self._gives_origin:
             self._try_send("SET_GPS_GLOBAL_ORIGIN", origin_fields(px4.VEHICLE_SYSTEM))
 
     def _try_send(self, name: str, fields: Fields) -> None:

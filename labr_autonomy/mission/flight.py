@@ -128,6 +128,7 @@ class Flight:
         await self._air.connect(15.0)
         say(f"autopilot: {self._air.description}")
         await self._air.check_parameters()
+        await self._air.give_origin()
         say("planner: loading network, map and refiner (the first start compiles and takes a minute)")
         ready = await self._planner.wait_ready()
         self.planner_versions = ready.versions
