@@ -174,6 +174,8 @@ def on_velocity(s: State, c: Command, p: Parameters, now_ms: int) -> State:
         return s._replace(last_result=wire.LAND_RESULT_SESSION)
     if c.air_lock:
         s = s._replace(air_lock=True)  # a restriction is believed even in a command that is refused
+    if not c.engaged:
+        s = s._replace(engaged=False, moving=False)  # and so is this one
     result = _judge(s, c, p, now_ms)
     if result != wire.LAND_RESULT_OK:
         return s._replace(last_result=result, faults=s.faults | wire.LAND_FAULT_COMMAND_REFUSED)

@@ -119,6 +119,9 @@ uint8_t land_gate_velocity(land_gate *g, const land_command *c, const land_param
     if (c->air_lock) {
         g->air_lock = true;  // a restriction is believed even in a command that is refused
     }
+    if (!c->engaged) {
+        g->engaged = g->moving = false;  // and so is this one
+    }
     g->last_result = judge(g, c, p, now_ms);
     if (g->last_result != LAND_RESULT_OK) {
         set_faults(g, LAND_FAULT_COMMAND_REFUSED);

@@ -193,6 +193,15 @@ def test_the_age_of_a_command_stops_at_its_field(core):
     assert core.state().command_age == 65_534
 
 
+def test_that_it_is_not_engaged_is_believed_of_a_command_that_is_refused_too(core):
+    core.engage()
+    core.velocity(300)  # it asks for motion all the same
+    core.step()
+    assert core.duty.braked
+    assert core.state().last_result == wire.LAND_RESULT_ENGAGE
+    assert core.state().mode == wire.LAND_MODE_IDLE
+
+
 def test_an_old_command_stays_old_when_the_counter_wraps(core):
     """Two turns of the counter, 99 days, in steps as long as a pause may be."""
     core.engage()
