@@ -1,4 +1,4 @@
-"""Who may speak to a local UDP socket that is meant for MAVSDK: a socket of this process, and always the same.
+"""Who may speak to a local UDP socket that is meant for MAVSDK: one socket of this process, always the same.
 
 Every program on the computer can reach 127.0.0.1. Without this, one of them could have its frames signed in
 our name, put into the log, or get what is meant for MAVSDK.
@@ -45,5 +45,6 @@ def belongs_to_us(port: int) -> bool:
 
 def _inodes(port: int) -> list[str]:
     """Inodes of all UDP sockets with this local port."""
-    rows = [line.split() for table in SOCKETS if table.exists() for line in table.read_text().splitlines()[1:]]
+    tables = [table.read_text().splitlines()[1:] for table in SOCKETS if table.exists()]
+    rows = [line.split() for lines in tables for line in lines]
     return [row[INODE] for row in rows if int(row[LOCAL].rpartition(":")[2], 16) == port]

@@ -37,7 +37,7 @@ CAREFUL_MPS = 0.3
 PUSH_M = 0.08  # by so much the refiner pushes a path out of obstacles
 LAND_HALF_M = 4.5  # of the map that a trajectory is checked against
 FIELD_HALF_M = (3.5, 3.5)
-RING_M = 0.2  # about a robot that begins to drive the floor is taken for free: the camera cannot see it
+RING_M = 0.25  # about a robot that begins to drive the floor is taken for free: the camera cannot see it
 MAP_EVERY_S = 1.0
 
 
@@ -69,6 +69,7 @@ class Pipeline:
         self._seen = -1
         self._drawn_s = -math.inf
         self._energy = EnergyModel.of(config)
+        self._turn_m = config.land.speed_mps / config.land.yaw_rate_rps  # a turn costs the time of so many
         self._seen_field: Field2
 
     def cycle(self, request: PlanRequest, frame: DepthFrame | None) -> PlanResult:
@@ -227,7 +228,7 @@ class Pipeline:
             self._route, why = routes.State(Source.SEARCH, request.start_s, 0), "at the goal"
         followed = KeyPoints(land_part, np.zeros(len(land_part), bool), network.mu, Source.GKPN)
         if self._route.source is Source.SEARCH:
-            way = ways.path(here[:2])
+            way = ways.path(here[:2], motion.yaw_rad, self._turn_m)
             if way is None:
                 why = f"{why}; no way on the map"
             else:

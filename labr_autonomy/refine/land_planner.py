@@ -33,6 +33,7 @@ SLOW_MPS = 0.25
 SIDE_M = 0.03  # lateral error that is not worth a turn
 LOOK_TO_M = 0.8  # along a path into the unknown
 LOOK_RAD = math.radians(12.0)  # a smaller turn shows nothing new
+VIEW_RAD = math.radians(38.0)  # what lies farther off the heading than this may be out of view
 SEED_GIVE_M = 0.1  # a previous plan this much too close is still worth linearising at
 
 
@@ -127,16 +128,24 @@ class LandPlanner:
     def _look_needed(
         self, state: LandState, key_points: Array, path: reference.Path, field: DistanceField
     ) -> float | None:
-        """Heading to look to where a path ends before something that nobody has seen, or None."""
+        """Heading to look to where a path ends before something that nobody has seen, or None.
+
+        First along the path; where that is in view already, to the nearest of what it lacks beside it.
+        """
         end = path.points_m[-1]
         around = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
         ring = end + (self.hard_m + 2.0 * field.cell_m) * np.column_stack([np.cos(around), np.sin(around)])
-        if field.is_known(ring).all():
+        unseen = ring[~field.is_known(ring)]
+        if not len(unseen):
             return None
         wanted = reference.along(np.vstack([state.position_xy, key_points]), np.array([LOOK_TO_M]))[0]
-        offset = wanted - state.position_xy
-        heading = math.atan2(offset[1], offset[0])
-        return heading if abs(wrap_pi(heading - state.yaw)) > LOOK_RAD else None
+        ahead = _off_rad(state, wanted[None])[0]
+        if abs(ahead) <= VIEW_RAD:
+            beside = _off_rad(state, unseen)
+            beside = beside[np.abs(beside) > VIEW_RAD]
+            if len(beside):
+                ahead = beside[np.abs(beside).argmin()]
+        return wrap_pi(state.yaw + float(ahead)) if abs(ahead) > LOOK_RAD else None
 
     def _turn_needed(self, state: LandState, path: reference.Path) -> float | None:
         """Heading to turn to before driving on, or None."""
@@ -177,3 +186,11 @@ class LandPlanner:
         """Turn on the spot to a heading in odom, the short way; a moving robot comes to rest meanwhile."""
         x, u = self._model.turn(vector(state), yaw_rad)
         return self._model.trajectory(x, u, state, now_s, Source.TURN)
+
+
+def _off_rad(state: LandState, places_m: Array) -> Array:
+    """Angles (n,) from the robot's heading to places (n, 2), -pi to pi."""
+    offset = places_m - state.position_xy
+    away = np.arctan2(offset[:, 1], offset[:, 0]) - state.yaw
+    out: Array = np.arctan2(np.sin(away), np.cos(away))
+    return out

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from labr_autonomy.frames import wrap_pi
 from labr_autonomy.perception.fields import Field2
 from labr_autonomy.refine.shortest import costs_from, cut_cost
 from labr_autonomy.types import Array
@@ -27,6 +28,9 @@ NARROW_COST = 3.0  # factor on cells that are nearer to obstacles than a way lik
 TIGHT_COST = 20.0  # factor on cells that are nearer to obstacles than a way should be
 CLOSED_M = 0.35  # round a place through which no way is to lead
 GAIN = 1.02  # a straight cut may cost this much of what it replaces
+LEG_M = 0.8  # a way's first direction is that to its place so far along
+BEARINGS = 24  # other directions that are looked at
+TAKEN_M = 0.05  # a beginning is another one when it is better by this
 
 
 class CostToGo:
@@ -107,10 +111,7 @@ class CostToGo:
         at = self._index(place_xy)
         if at is None or not np.isfinite(self._cost_m[at]):
             return None
-        way = [at]
-        while self._before[way[-1]] >= 0:
-            way.append(int(self._before[way[-1]]))
-        return way
+        return self._onwards(at)
 
     def end(self, place_xy: Array) -> Array | None:
         """Where the way from a place (2,) ends, (2,) odom; None without a way."""
@@ -147,15 +148,68 @@ class CostToGo:
                 return place
         return None
 
-    def path(self, start_xy: Array) -> Array | None:
-        """Corners of the shortest way, (k, 2) odom with the start first; None without a way."""
+    def path(self, start_xy: Array, heading_rad: float | None = None, turn_m: float = 0.0) -> Array | None:
+        """Corners of the cheapest way, (k, 2) odom with the start first; None without a way.
+
+        Args:
+            start_xy: (2,) odom.
+            heading_rad: Where the robot looks; its turns at the beginning count when this is given.
+            turn_m: What turning by a radian costs, in metres driven.
+        """
         way = self._way(start_xy)
         if way is None:
             return None
+        if heading_rad is not None:
+            way = self._begun_well(way, heading_rad, turn_m)
         cells = np.stack(np.unravel_index(way, self._free.shape), axis=1)
         cells = straightened(cells, self._free, self._price)
         path: Array = self._field.origin_m + (cells + 0.5) * self._field.cell_m
         return np.vstack([np.asarray(start_xy, dtype=float), path[1:-1], self._place(way[-1])])
+
+
+    def _begun_well(self, way: list[int], heading_rad: float, turn_m: float) -> list[int]:
+        """The way, or one that begins in another direction and is cheaper with the turns that each takes.
+
+        A robot that has begun on one of two ways keeps to it while the other is not shorter by what turning
+        round costs: else it would turn to and fro as each shows itself longer than it was believed to be.
+        """
+        reach = round(LEG_M / self._field.cell_m)
+        if len(way) <= reach:
+            return way
+        shape = self._free.shape
+        start = np.array(np.unravel_index(way[0], shape))
+
+        def with_turns(cost_m: float, first: int, onwards: list[int]) -> float:
+            places = np.stack(np.unravel_index([way[0], first, onwards[-1]], shape), axis=1)
+            (ax, ay), (bx, by) = np.diff(places, axis=0)
+            begins = math.atan2(ay, ax)
+            turns = abs(wrap_pi(begins - heading_rad))
+            if bx or by:
+                turns += abs(wrap_pi(math.atan2(by, bx) - begins))
+            return cost_m + turn_m * turns
+
+        best, taken = with_turns(float(self._cost_m[way[0]]), way[reach], way[reach : 2 * reach + 1]), way
+        for bearing in np.linspace(0.0, 2.0 * math.pi, BEARINGS, endpoint=False):
+            cell = np.rint(start + reach * np.array([math.cos(bearing), math.sin(bearing)])).astype(int)
+            if not ((cell >= 0) & (cell < shape)).all() or not self._free[cell[0], cell[1]]:
+                continue
+            leg_m = self._field.cell_m * cut_cost(np.stack([start, cell]), 0, 1, self._free, self._price)
+            first = int(np.ravel_multi_index((cell[0], cell[1]), shape))
+            cost_m = leg_m + float(self._cost_m[first])
+            if cost_m >= best:
+                continue
+            rest = self._onwards(first)
+            total = with_turns(cost_m, first, rest[: reach + 1])
+            if total < best - TAKEN_M:
+                best, taken = total, [way[0], *rest]
+        return taken
+
+    def _onwards(self, cell: int) -> list[int]:
+        """The cells of the way from a cell, itself first."""
+        way = [cell]
+        while self._before[way[-1]] >= 0:
+            way.append(int(self._before[way[-1]]))
+        return way
 
 
 def search_land(

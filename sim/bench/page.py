@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from sim.bench.air_goals import NEAR_M
 from sim.bench.methods import ORACLE, find_method, in_order
 from sim.bench.paper import GOAL_REACHED_PCT
 
@@ -57,6 +58,7 @@ def navigation_page(results: Mapping[str, Any]) -> str:
     parts = ["# Navigation benchmark\n", f"```\n{results['command']}\n```\n", _AVERAGED + "\n"]
     for family in families:
         parts += _family(family, [row for row in rows if row["family"] == family])
+    parts += _by_kind(rows)
     parts += _movers(rows)
     parts += _baselines(rows)
     parts += _beside_the_paper(rows)
@@ -99,6 +101,29 @@ def _family(family: str, rows: Sequence[Row]) -> list[str]:
     cost_head = ["method", "time s", "driven m", "flown m", "energy kJ", "land / air / between kJ"]
     cost_head += ["energy / oracle", "clearance m", "plan p50 / p99 / max ms"]
     return [f"## {family}\n", table([*share_head, "SPL"], shares), table(cost_head, costs)]
+
+
+def _by_kind(rows: Sequence[Row]) -> list[str]:
+    """Energy by kind of goal, and where flights to goals in the air begin."""
+    lines = [
+        [
+            f"{row['family']}, {row['method']}",
+            with_interval(row, "energy_over_oracle_land", 2),
+            with_interval(row, "energy_over_oracle_air", 2),
+            number(row["driven_share_air_pct_p50"], 0),
+            f"{number(row['take_off_m_p50'], 1)} / {number(row['take_off_m_max'], 1)}",
+            number(row["take_off_near_pct"], 0),
+        ]
+        for row in rows
+    ]
+    head = ["family, method", "energy / oracle, land goals", "energy / oracle, air goals"]
+    head += ["driven share % p50", "take-off to goal m p50 / max", f"within {NEAR_M:g} m %"]
+    return [
+        "## Land goals and air goals\n",
+        table(head, lines),
+        "Driven share and take-off are those of reached goals in the air: metres on wheels over all metres, "
+        "and the distance on the level from where the last flight began to the goal.\n",
+    ]
 
 
 def _movers(rows: Sequence[Row]) -> list[str]:

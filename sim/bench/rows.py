@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from labr_autonomy.record.summary import percentiles
-from sim.bench import statistics
+from sim.bench import air_goals, statistics
 from sim.bench.methods import ORACLE, find_method
 from sim.bench.records import Record
 from sim.lockstep.trial import Task, TrialResult
@@ -162,11 +162,15 @@ def _figures(counted: Sequence[Flight], seed: int) -> dict[str, Any]:
         reached = [f.reached for f in counted if f.task.in_air is in_air]
         row[f"reached_{kind}_pct"] = statistics.share_pct(reached)
         row[f"reached_{kind}_pct_ci95"] = statistics.share_interval_pct(reached, seed)
+        ratios = [f.over_oracle for f in counted if f.task.in_air is in_air]
+        _put(row, f"energy_over_oracle_{kind}", [r for r in ratios if math.isfinite(r)], seed)
     for key in _MEANS:
         _put(row, key, [float(getattr(f.result, key)) for f in counted if f.reached], seed)
     ratios = [f.over_oracle for f in counted]
     _put(row, "energy_over_oracle", [r for r in ratios if math.isfinite(r)], seed)
     _put(row, "spl", spl_of(counted), seed)
+    flown = [f for f in counted if f.task.in_air and f.reached]
+    row |= air_goals.figures([f.result for f in flown], [np.array(f.task.goal_m) for f in flown])
     row["min_clearance_worst_m"] = min((f.result.min_clearance_m for f in counted), default=None)
     row["plans"] = sum(f.result.plans for f in counted)
     row["plan_cycle_ms"] = percentiles(ms for f in counted for ms in f.result.plan_cycle_ms)

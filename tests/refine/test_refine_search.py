@@ -148,6 +148,44 @@ def test_a_wide_gap_is_preferred_to_a_tight_one():
     assert ways.first_gap(ways.path(np.array([1.0, 2.0]))) is None
 
 
+def round_a_block(goal_y):
+    """Ways round a block, above or below, to a goal behind it: as long as each other for 5.0."""
+    field = boxes2([(4.0, 2.5, 5.0, 7.5)])
+    return CostToGo(field, np.array([7.5, goal_y]), 0.36)
+
+
+@pytest.mark.parametrize("heading", [-1.2, -0.7, 0.7, 1.2])
+def test_of_two_ways_that_are_nearly_as_long_the_one_that_it_looks_along_is_kept(heading):
+    start = np.array([2.8, 5.0])
+    for goal_y in (4.8, 5.2):
+        way = round_a_block(goal_y).path(start, heading, 0.53)
+        assert np.sign(way[1][1] - 5.0) == np.sign(heading)
+    sides = {np.sign(round_a_block(y).path(start)[1][1] - 5.0) for y in (4.8, 5.2)}
+    assert sides == {-1.0, 1.0}  # without the price of a turn it changes its mind
+
+
+@pytest.mark.parametrize("heading", [-1.2, 1.2])
+def test_a_way_that_is_clearly_shorter_is_worth_a_turn(heading):
+    way = round_a_block(7.5).path(np.array([2.8, 5.0]), heading, 0.53)
+    assert way[1][1] > 5.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_way_that_begins_well_is_free_and_dearer_than_the_cheapest_by_no_more_than_it_saves(seed):
+    start, goal = np.array([0.85, 5.05]), np.array([9.15, 5.0])
+    field = boxes2(random_boxes(seed, start, goal, 14))
+    price = search.cell_cost(field.distance_m.astype(float), field.known, 0.35, 2.0)
+    ways = CostToGo(field, goal, 0.35)
+    for heading in np.linspace(-math.pi, math.pi, 7):
+        way = ways.path(start, float(heading), 0.53)
+        assert np.allclose(way[[0, -1]], [start, goal])
+        fine = np.concatenate(
+            [a + np.linspace(0, 1, 99)[:, None] * (b - a) for a, b in itertools.pairwise(way)]
+        )
+        assert field.lookup(fine).min() > 0.35 - 0.08
+        assert 0.1 * priced(way, field, price) < 1.05 * ways.cost_m(start) + 0.53 * 2.0 * math.pi
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_ways_end_where_they_and_the_offer_together_are_cheapest(seed):
     rng = np.random.default_rng(seed)

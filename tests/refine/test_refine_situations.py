@@ -10,6 +10,8 @@ from refine_rooms import boxes2, boxes3
 
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.config import RobotConfig
+from labr_autonomy.perception.fields import Field2
+from labr_autonomy.planner.pipeline import RING_M
 from labr_autonomy.refine import check, reference, rti
 from labr_autonomy.refine.planner import Refiner
 from labr_autonomy.refine.values import AirState, LandState
@@ -185,6 +187,32 @@ def test_unknown_space_near_the_outline_counts_as_free(refiner):
     assert reference.first_unknown(path, field, 0.3) == math.inf
     far = boxes2([], unknown=[(2.05, 4.0, 3.05, 6.0)])
     assert reference.first_unknown(path, far, 0.3) == pytest.approx(0.95, abs=0.051)
+
+
+def wedge(state, half_rad, ring_m):
+    """What a robot has seen that was just put down: a ring about it, and what its camera shows."""
+    known = np.zeros((200, 200), bool)
+    x, y = (np.indices(known.shape) + 0.5) * 0.05 - state.position_xy[:, None, None]
+    off = np.angle(np.exp(1j * (np.arctan2(y, x) - state.yaw)))
+    known |= (np.hypot(x, y) < ring_m) | (np.abs(off) < half_rad)
+    return Field2.from_occupied(~known, known, np.zeros(2), 0.05)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_what_is_unseen_beside_the_way_ahead_is_looked_at(refiner, side):
+    state, keys = LandState(np.array([5.0, 5.0]), 0.0, 0.0, 0.0), np.array([[8.0, 5.0 + 0.3 * side]])
+    plan = refiner.land(state, keys, wedge(state, 0.7, 0.42), 0.0, None)
+    assert plan.source is Source.TURN
+    assert "looking" in plan.reason
+    turned = plan.trajectory.yaw_rad[-1]
+    assert 0.66 < side * turned < 1.4, "to the nearer of what is hidden, which the camera then has in view"
+
+
+def test_the_way_ahead_of_a_robot_just_put_down_is_free(refiner):
+    state = LandState(np.array([5.0, 5.0]), 0.4, 0.0, 0.0)
+    keys = state.position_xy + 3.0 * np.array([[np.cos(0.4), np.sin(0.4)]])
+    field = wedge(state, 0.75, 0.3 + RING_M)  # half of the camera's 87 degrees
+    assert refiner.land(state, keys, field, 0.0, None).source is Source.GKPN
 
 
 # ---- in the air
