@@ -166,7 +166,6 @@ class CostToGo:
         path: Array = self._field.origin_m + (cells + 0.5) * self._field.cell_m
         return np.vstack([np.asarray(start_xy, dtype=float), path[1:-1], self._place(way[-1])])
 
-
     def _begun_well(self, way: list[int], heading_rad: float, turn_m: float) -> list[int]:
         """The way, or one that begins in another direction and is cheaper with the turns that each takes.
 
