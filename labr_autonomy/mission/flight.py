@@ -31,7 +31,7 @@ from labr_autonomy.modes.transition import Command
 from labr_autonomy.perception.frame_slot import FrameReader
 from labr_autonomy.planner.messages import PlanResult
 from labr_autonomy.planner.process import PlannerLink
-from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.record.flight_log import FlightLog
 from labr_autonomy.record.tlog import Tlog
 from labr_autonomy.types import ImuSample, Mode, Odometry, WheelOdometry
 

@@ -14,7 +14,7 @@ from labr_autonomy.mission.pilot import Order
 from labr_autonomy.mission.recorded import RecordedPilot
 from labr_autonomy.mission.steps import Kind, Step
 from labr_autonomy.planner.recorder import PlannerLog
-from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.record.flight_log import FlightLog
 from labr_autonomy.replay.decisions import check_decisions
 from labr_autonomy.replay.plans import read_plans
 from labr_autonomy.types import DepthFrame, Intrinsics
