@@ -66,4 +66,5 @@ def look(
         health=health,
         order=order,
         lifts_by_command=air.lifts_by_command,
+        in_doubt=pilot.in_doubt,  # after `taken_over` above
     )

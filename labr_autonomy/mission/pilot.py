@@ -66,6 +66,7 @@ class Look:
     health: failsafe.Health
     order: Order = Order.FLY
     lifts_by_command: bool = False  # the autopilot ignores set-points on the floor
+    in_doubt: bool = False  # somebody else may be about to fly: nothing may be sent to the autopilot
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +185,11 @@ class Pilot:
         )
         self._takeover, sentence = takeover.step(self._takeover, inputs, now_s)
         return sentence
+
+    @property
+    def in_doubt(self) -> bool:
+        """By the last call of `taken_over`, somebody else may be about to fly."""
+        return self._takeover.in_doubt
 
     def wheel_fault(self, latched: tuple[str, ...], now_s: float) -> str:
         """Why the wheels have to rest, "" while they need not.
@@ -380,7 +386,7 @@ class Pilot:
         self, look: Look, step: Step | None, wants: Mode, now_s: float, events: list[str]
     ) -> transition.Outputs:
         assert look.odometry is not None
-        if self._takeover.in_doubt and self.failsafe.reaction is not Reaction.YIELD:
+        if look.in_doubt and self.failsafe.reaction is not Reaction.YIELD:
             return transition.Outputs(wheels=False, rotors=True)  # not even a disarming: it may be theirs now
         before = self.transition.phase
         inputs = transition.Inputs(
@@ -464,7 +470,7 @@ class Pilot:
         yields = self.failsafe.reaction is Reaction.YIELD
         if outputs.wheels and not held and progress.step is not None and progress.step.kind is Kind.GOTO:
             reference, speed, turn = self._drive(look, now_s, events)
-        elif outputs.rotors and not (yields or self._takeover.in_doubt):
+        elif outputs.rotors and not (yields or look.in_doubt):
             staying = progress.step is None or progress.step.kind is not Kind.GOTO
             reference = self._fly(held or staying, now_s, events)
             # while the autopilot lands or lifts off by itself, set-points would only confuse it

@@ -21,7 +21,11 @@ def seen(land_mode: int):
     names = wire.MAVLink_land_state_message.fieldnames
     message = wire.MAVLink_land_state_message(**{name: land_mode * (name == "mode") for name in names})
     pilot = SimpleNamespace(
-        mode=Mode.LAND, planning_mode=None, taken_over=lambda *_, **__: "", wheel_fault=lambda *_: ""
+        mode=Mode.LAND,
+        planning_mode=None,
+        taken_over=lambda *_, **__: "",
+        in_doubt=False,
+        wheel_fault=lambda *_: "",
     )
     poses = SimpleNamespace(
         ages=lambda _: {"vio_accepted": 0.02}, predicted=lambda _: None, vio_rejected_in_a_row=0

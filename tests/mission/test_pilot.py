@@ -70,6 +70,7 @@ class Robot:
             replace(health, **self.health),
             self.order,
             self.lifts_by_command,
+            self.pilot.in_doubt,
         )
 
     def step(self):

@@ -80,6 +80,20 @@ def test_a_fresh_recording_is_decided_the_same(run):
     assert len(list(read_plans(run))) > 50
 
 
+def test_a_moment_of_doubt_about_who_flies_is_decided_the_same(tmp_path):
+    robot = RecordedRobot(tmp_path, rig.AIR_GOAL)
+    rig.arming(robot, rig.asked_to_arm)
+    robot.mode = "hold"
+    robot.run(0.1)
+    assert robot.look().in_doubt
+    robot.mode = "offboard"
+    rig.airborne(robot)
+    robot.close()
+    ticks, differences = check_decisions(tmp_path, 100)
+    assert [d.sentence for d in differences] == []
+    assert ticks > 100
+
+
 def test_a_changed_pilot_is_noticed_and_named(run, monkeypatch):
     monkeypatch.setattr(pilot_module, "LOST_M", 0.0)  # it loses its trajectory at once
     _, differences = check_decisions(run, 100)
