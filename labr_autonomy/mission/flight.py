@@ -23,10 +23,12 @@ from labr_autonomy.guard.failsafe import VIO_LATE_S, Reaction
 from labr_autonomy.mission.desk import Desk
 from labr_autonomy.mission.instruments import look
 from labr_autonomy.mission.logbook import Logbook
-from labr_autonomy.mission.pilot import Actions, Look, Order, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Actions, Look, Order
 from labr_autonomy.mission.planning import Planning
 from labr_autonomy.mission.showing import Showing
 from labr_autonomy.mission.steps import Status
+from labr_autonomy.mission.watchers import Watchers
 from labr_autonomy.modes.transition import Command, Phase
 from labr_autonomy.record.flight_log import FlightLog
 from labr_autonomy.record.tlog import Tlog
@@ -80,6 +82,7 @@ class Flight:
         self._ground = ground
         self._log = flight_log
         self._filter = PoseFilter()
+        self._watchers = Watchers()
         self._vio: VioLink | None = None
         self._commands: asyncio.Queue[Command] = asyncio.Queue(maxsize=1)
         self._air_error = ""
@@ -245,6 +248,7 @@ class Flight:
         frame = self._planning.newest_frame()
         return look(
             self._pilot,
+            self._watchers,
             self._config,
             self._filter,
             self._ground.state,

@@ -14,7 +14,8 @@ from labr_autonomy.estimation.filter import PoseFilter
 from labr_autonomy.ground.channel import GroundChannel
 from labr_autonomy.mission.desk import SHOW_S, Desk
 from labr_autonomy.mission.logbook import Logbook
-from labr_autonomy.mission.pilot import Actions, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Actions
 from labr_autonomy.mission.planning import Planning
 from labr_autonomy.record.flight_log import FlightLog
 from labr_autonomy.record.tlog import Tlog

@@ -11,7 +11,8 @@ from pydantic import ValidationError
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import BadInput
 from labr_autonomy.guard.fence import Zone
-from labr_autonomy.mission.pilot import Look, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Look
 from labr_autonomy.mission.steps import Step
 from labr_autonomy.planner.messages import PlanResult
 from labr_autonomy.record.codec import differences, pack, unpack

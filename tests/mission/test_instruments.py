@@ -10,7 +10,9 @@ from labr_autonomy.config import RobotConfig
 from labr_autonomy.ground.state import Telemetry, describe
 from labr_autonomy.guard.failsafe import Reaction, State, step
 from labr_autonomy.mission.instruments import look
-from labr_autonomy.mission.pilot import Order
+from labr_autonomy.mission.pilot_io import Order
+from labr_autonomy.mission.watchers import Watchers
+from labr_autonomy.modes import transition
 from labr_autonomy.types import Mode
 
 AIR = AirState(1.0, True, False, "hold", "on_ground", None, None, None, 20.5, 0.9, 1.0, 0.1, False)
@@ -23,15 +25,15 @@ def seen(land_mode: int):
     pilot = SimpleNamespace(
         mode=Mode.LAND,
         planning_mode=None,
-        taken_over=lambda *_, **__: "",
-        in_doubt=False,
-        wheel_fault=lambda *_: "",
+        landing_asked=False,
+        transition=transition.State(),
     )
     poses = SimpleNamespace(
         ages=lambda _: {"vio_accepted": 0.02}, predicted=lambda _: None, vio_rejected_in_a_row=0
     )
     return look(
         pilot,
+        Watchers(),
         RobotConfig(),
         poses,
         describe(Telemetry(1.0, 1.0, message), True, "", 1.02),

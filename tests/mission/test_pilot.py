@@ -6,17 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from labr_autonomy.air.telemetry import AirState
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import quaternion_from_rpy
 from labr_autonomy.guard.failsafe import Health, Reaction
 from labr_autonomy.guard.fence import Zone
-from labr_autonomy.mission.pilot import Look, Order, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Look, Order
 from labr_autonomy.mission.steps import Kind, OnFail, Policy, Status, Step
+from labr_autonomy.mission.watchers import Watchers
 from labr_autonomy.modes.transition import Command, Phase
 from labr_autonomy.planner.messages import PlanResult, Timings
 from labr_autonomy.types import KeyPoints, Mode, Odometry, Pose, Source, Trajectory
 
 TICK_S = 0.02
+AIR = AirState(1.0, True, False, "hold", "on_ground", None, None, None, 20.5, 0.9, 1.0, 0.1, False)
 CONFIG = RobotConfig()
 FLOOR_GOAL = Step(Kind.GOTO, "floor", np.array([2.0, 0.0, 0.0]))
 AIR_GOAL = Step(Kind.GOTO, "air", np.array([3.0, 1.0, 1.5]), in_air=True)
@@ -28,6 +32,7 @@ class Robot:
 
     def __init__(self, *mission, zones=(), duration_s=math.inf):
         self.pilot = Pilot(CONFIG, mission, zones, duration_s)
+        self.watchers = Watchers()
         self.now_s = 100.0
         self.position = np.array([0.0, 0.0, CONFIG.body.below_m])
         self.velocity = np.zeros(3)
@@ -55,7 +60,9 @@ class Robot:
         pose = Pose(self.position.copy(), quaternion_from_rpy(0, 0, self.yaw))
         odometry = Odometry(self.now_s, pose, self.velocity, np.zeros(3), np.eye(6) * 1e-4)
         health = Health(self.pilot.mode, 0.05, 0.05, 0.02, 0.5, 0.1, 0, False, "", 0.9, 0.15)
-        taken = self.pilot.taken_over(self.mode, self.intended, self.critical, self.restarts, self.now_s)
+        air = replace(AIR, mode=self.mode, intended=self.intended, failsafe=self.critical)
+        phase, asked = self.pilot.transition.phase, self.pilot.landing_asked
+        taken = self.watchers.taken_over(phase, asked, air, self.restarts, self.now_s)
         health = replace(health, taken_over=taken)
         low = self.height < 0.01
         speed = float(np.hypot(*self.velocity[:2])) if low else 0.0
@@ -70,7 +77,7 @@ class Robot:
             replace(health, **self.health),
             self.order,
             self.lifts_by_command,
-            self.pilot.in_doubt,
+            self.watchers.in_doubt,
         )
 
     def step(self):
@@ -500,13 +507,13 @@ def test_a_plan_that_comes_too_late_is_not_followed():
     robot = Robot(FLOOR_GOAL).run(2.0)
     robot.plans = False
     robot._plan()
-    late = robot.pilot._course.trajectory
-    robot.pilot._course.drop()
+    late = robot.pilot._following.course.trajectory
+    robot.pilot._following.course.drop()
     result = robot.pilot._facts
     robot.pilot.accept(result, late.start_s + 1.0)
-    assert robot.pilot._course.trajectory is None
+    assert robot.pilot._following.course.trajectory is None
     robot.pilot.accept(result, late.start_s)
-    assert robot.pilot._course.trajectory is late
+    assert robot.pilot._following.course.trajectory is late
 
 
 def test_a_hold_stops_the_clock_of_the_mission():

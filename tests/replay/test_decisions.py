@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from labr_autonomy.errors import BadInput
-from labr_autonomy.mission import pilot as pilot_module
-from labr_autonomy.mission.pilot import Order
+from labr_autonomy.mission.pilot_io import Order
 from labr_autonomy.mission.recorded import RecordedPilot
 from labr_autonomy.mission.steps import Kind, Step
 from labr_autonomy.planner.recorder import PlannerLog
@@ -95,7 +94,7 @@ def test_a_moment_of_doubt_about_who_flies_is_decided_the_same(tmp_path):
 
 
 def test_a_changed_pilot_is_noticed_and_named(run, monkeypatch):
-    monkeypatch.setattr(pilot_module, "LOST_M", 0.0)  # it loses its trajectory at once
+    monkeypatch.setattr("labr_autonomy.mission.following.LOST_M", 0.0)  # it loses its trajectory at once
     _, differences = check_decisions(run, 100)
     assert differences[0].part == "pilot"
     assert differences[0].where.startswith("tick at ")
