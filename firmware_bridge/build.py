@@ -33,6 +33,7 @@ HERE = Path(__file__).resolve().parent
 CORE, HOST, PORT = HERE / "core", HERE / "host", HERE / "port" / "stm32f405"
 FLASH_MAX_BYTES, RAM_MAX_BYTES = 64 * 1024, 32 * 1024
 KEPT_AT = 0x4002_8000  # of `port_library`: among the registers, where its tests have memory
+STACK_AT = KEPT_AT + 0x100
 CROSS = "arm-none-eabi-"
 CROSS_PACKAGES = "gcc-arm-none-eabi libnewlib-arm-none-eabi"
 
@@ -131,15 +132,15 @@ def host_library(
 
 
 def port_library() -> Path:
-    """The port's pins, watchdog and kept memory for this computer, at the chip's addresses; see its tests.
+    """The port's pins, watchdog, stack guard and kept memory for this computer, at the chip's addresses.
 
     Raises:
         Refused: There is no gcc.
     """
     include = headers(Parameters.of(RobotConfig()))
     flags = [*WARNINGS, "-O1", "-fPIC", "-shared"]
-    sources = [*(PORT / f"{part}.c" for part in ("board_pins", "watchdog", "keep", "clock"))]
-    link = [f"-Wl,--defsym=keep_begin=0x{KEPT_AT:x}"]
+    sources = [*(PORT / f"{part}.c" for part in ("board_pins", "watchdog", "keep", "clock", "stack"))]
+    link = [f"-Wl,--defsym=keep_begin=0x{KEPT_AT:x}", f"-Wl,--defsym=stack_begin=0x{STACK_AT:x}"]
     return _compiled(
         "port", "gcc", [*sources, CORE / "land_params.c"], flags, [CORE, PORT, include], "libport.so", link
     )

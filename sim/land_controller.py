@@ -181,7 +181,7 @@ class LandController:
         s, i, counters = self.state, self._inputs, self._link.counters
         age = core.NEVER_MS
         if s.accepted_ms is not None:
-            age = min(core.NEVER_MS - 1, core.ahead(self._now_ms, s.accepted_ms, 32))
+            age = core.ahead(self._now_ms, s.accepted_ms, 32)
         return wire.MAVLink_land_state_message(
             time_ms=self._now_ms,
             ticks_left=wrapped(i.left_ticks),

@@ -23,7 +23,9 @@ LATCH_MS = 600  # a wheel or the current must misbehave this long
 STALL_MPS, STALL_SHARE = 0.10, 0.2
 RUNAWAY_MPS, RUNAWAY_RATIO = 0.30, 2.0
 MEASURE_MS = 40  # window of the speed measurement; one tick is 6 mm/s over it
+AGE_MAX_MS = 65534  # of a command, in telemetry
 NEVER_MS = 65535
+EARLY_MS = 10  # a stamp may be this far in the future, no more
 
 _CLEARED_BY_COMMAND = (
     wire.LAND_FAULT_COMMAND_TIMEOUT | wire.LAND_FAULT_COMMAND_REFUSED | wire.LAND_FAULT_HEARTBEAT_LOST
@@ -126,6 +128,15 @@ def ahead(later: int, earlier: int, bits: int) -> int:
     return ((later - earlier + half) & ((1 << bits) - 1)) - half
 
 
+def young(now_ms: int, stamp_ms: int, limit_ms: int) -> bool:
+    """Whether a stamp is at most `limit_ms` old.
+
+    After half a turn of the counter, 24.9 days, a stamp that nobody has touched seems to lie in the future:
+    that is not young either.
+    """
+    return -EARLY_MS <= ahead(now_ms, stamp_ms, 32) <= limit_ms
+
+
 def disengage(s: State) -> State:
     """Stop, and ask for a disengaged command before the next engaged one."""
     return s._replace(engaged=False, neutral_seen=False, moving=False)
@@ -163,6 +174,8 @@ def on_velocity(s: State, c: Command, p: Parameters, now_ms: int) -> State:
         return s._replace(last_result=wire.LAND_RESULT_SESSION)
     if c.air_lock:
         s = s._replace(air_lock=True)  # a restriction is believed even in a command that is refused
+    if not c.engaged:
+        s = s._replace(engaged=False, moving=False)  # and so is this one
     result = _judge(s, c, p, now_ms)
     if result != wire.LAND_RESULT_OK:
         return s._replace(last_result=result, faults=s.faults | wire.LAND_FAULT_COMMAND_REFUSED)
@@ -205,7 +218,7 @@ def _judge(s: State, c: Command, p: Parameters, now_ms: int) -> int:
 
 
 def _alive(s: State, now_ms: int) -> bool:
-    return s.heartbeat_ms is not None and ahead(now_ms, s.heartbeat_ms, 32) <= HEARTBEAT_MS
+    return s.heartbeat_ms is not None and young(now_ms, s.heartbeat_ms, HEARTBEAT_MS)
 
 
 def on_estop(s: State) -> State:
@@ -215,8 +228,15 @@ def on_estop(s: State) -> State:
 
 def _age_token(s: State, now_ms: int) -> State:
     """Called in each period: a token of weeks ago must not look young when the counter wraps."""
-    old = s.token and ahead(now_ms, s.token_ms, 32) > TOKEN_MS  # most of the time there is none
+    old = s.token and not young(now_ms, s.token_ms, TOKEN_MS)  # most of the time there is none
     return s._replace(token=0) if old else s
+
+
+def _age_command(s: State, now_ms: int) -> State:
+    """The same for the last command: its stamp is carried along, at the age that telemetry can tell."""
+    if s.accepted_ms is None or young(now_ms, s.accepted_ms, AGE_MAX_MS):
+        return s
+    return s._replace(accepted_ms=(now_ms - AGE_MAX_MS) & 0xFFFFFFFF)
 
 
 def on_release(s: State, session: int, step: int, token: int, now_ms: int) -> tuple[State, int, int]:
@@ -238,7 +258,7 @@ def tick(s: State, i: Inputs, p: Parameters, now_ms: int, dt_s: float) -> State:
     s = _measure(s, i, p, now_ms)
     if i.estop_pressed:
         s = on_estop(s)
-    s = _watch_computer(_age_token(s, now_ms), now_ms)
+    s = _watch_computer(_age_command(_age_token(s, now_ms), now_ms), now_ms)
     s = _watch_wheels(s, i, p, now_ms)
     faults = s.faults & ~(wire.LAND_FAULT_BATTERY_LOW | wire.LAND_FAULT_ESTOP)
     faults |= wire.LAND_FAULT_BATTERY_LOW * (i.battery_v < p.battery_low)
@@ -268,7 +288,7 @@ def _watch_computer(s: State, now_ms: int) -> State:
         # An hour-old stamp must not look fresh again when the counter wraps.
         s = disengage(s)._replace(heartbeat_ms=None, faults=s.faults | lost)
     if s.moving and s.accepted_ms is not None:
-        old = ahead(now_ms, s.accepted_ms, 32) > COMMAND_MS
+        old = not young(now_ms, s.accepted_ms, COMMAND_MS)
         if old or ahead(s.deadline_ms, now_ms, 32) < 0:
             s = s._replace(moving=False, faults=s.faults | wire.LAND_FAULT_COMMAND_TIMEOUT)
     return s

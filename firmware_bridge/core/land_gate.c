@@ -31,7 +31,7 @@ static void disengage(land_gate *g) {
 }
 
 static bool alive(const land_gate *g, uint32_t now_ms) {
-    return g->heartbeat.set && land_ahead(now_ms, g->heartbeat.ms) <= LAND_HEARTBEAT_MS;
+    return g->heartbeat.set && land_young(now_ms, g->heartbeat.ms, LAND_HEARTBEAT_MS);
 }
 
 void land_gate_init(land_gate *g, uint32_t boot_count, bool estop) {
@@ -119,6 +119,9 @@ uint8_t land_gate_velocity(land_gate *g, const land_command *c, const land_param
     if (c->air_lock) {
         g->air_lock = true;  // a restriction is believed even in a command that is refused
     }
+    if (!c->engaged) {
+        g->engaged = g->moving = false;  // and so is this one
+    }
     g->last_result = judge(g, c, p, now_ms);
     if (g->last_result != LAND_RESULT_OK) {
         set_faults(g, LAND_FAULT_COMMAND_REFUSED);
@@ -148,8 +151,15 @@ void land_gate_estop(land_gate *g) {
 
 // Called in each period: a token of weeks ago must not look young when the counter wraps.
 static void age_token(land_gate *g, uint32_t now_ms) {
-    if (land_ahead(now_ms, g->token_ms) > LAND_TOKEN_MS) {
+    if (!land_young(now_ms, g->token_ms, LAND_TOKEN_MS)) {
         g->token = 0;
+    }
+}
+
+// The same for the last command: its stamp is carried along, at the age that telemetry can tell.
+static void age_command(land_gate *g, uint32_t now_ms) {
+    if (!land_young(now_ms, g->accepted.ms, LAND_AGE_MAX_MS)) {
+        g->accepted.ms = now_ms - LAND_AGE_MAX_MS;
     }
 }
 
@@ -187,7 +197,7 @@ static void watch_computer(land_gate *g, uint32_t now_ms) {
         disengage(g);
         g->heartbeat = land_time_none();  // an hour-old stamp must not look fresh when the counter wraps
     }
-    if (g->moving && (land_ahead(now_ms, g->accepted.ms) > LAND_COMMAND_MS ||
+    if (g->moving && (!land_young(now_ms, g->accepted.ms, LAND_COMMAND_MS) ||
                       land_ahead(g->deadline_ms, now_ms) < 0)) {
         g->moving = false;
         set_faults(g, LAND_FAULT_COMMAND_TIMEOUT);
@@ -225,6 +235,7 @@ void land_gate_tick(land_gate *g, const land_inputs *in, const land_params *p, u
         land_gate_estop(g);
     }
     age_token(g, now_ms);
+    age_command(g, now_ms);
     watch_computer(g, now_ms);
     const uint16_t latched = land_faults_watch(g, in, p, now_ms);
     if (latched != 0) {

@@ -15,6 +15,7 @@
 #define LAND_DEADLINE_SLACK_MS 50  // a deadline further ahead comes from a wrong clock
 #define LAND_HEARTBEAT_MS 1000
 #define LAND_TOKEN_MS 5000
+#define LAND_AGE_MAX_MS 65534  // of a command, in telemetry; 65535 is never
 
 typedef struct {
     uint32_t session;

@@ -19,11 +19,7 @@ static uint16_t uint16_of(float value) {
 
 // 65535 means never.
 static uint16_t command_age_ms(const land_controller *c) {
-    if (!c->gate.accepted.set) {
-        return UINT16_MAX;
-    }
-    const uint32_t age_ms = c->now_ms - c->gate.accepted.ms;
-    return age_ms < UINT16_MAX - 1u ? (uint16_t)age_ms : (uint16_t)(UINT16_MAX - 1u);
+    return c->gate.accepted.set ? (uint16_t)(c->now_ms - c->gate.accepted.ms) : UINT16_MAX;
 }
 
 static void send_state(land_controller *c) {

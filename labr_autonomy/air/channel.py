@@ -7,20 +7,21 @@ it and the autopilot's offboard-loss failsafe acts (MAVSDK's offboard plugin wou
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import Callable
 
 from labr_autonomy.air import px4, telemetry
 from labr_autonomy.air.clock_offset import ClockOffset
-from labr_autonomy.air.commands import Commands, command_fields
+from labr_autonomy.air.commands import Commands
+from labr_autonomy.air.effects import EFFECT_S, Effects
 from labr_autonomy.air.families import PX4, Family
 from labr_autonomy.air.handshake import ANSWERS, Handshake
+from labr_autonomy.air.incoming import Incoming
 from labr_autonomy.air.link import Link
 from labr_autonomy.air.mailbox import Mailbox
 from labr_autonomy.air.parameters import compare, refuse, wanted
 from labr_autonomy.air.recorder import Recorder
 from labr_autonomy.air.report import Report
-from labr_autonomy.air.setpoints import Fields, origin_fields, setpoint_fields, vision_fields
+from labr_autonomy.air.setpoints import setpoint_fields, vision_fields
 from labr_autonomy.air.signed_link import SignedLink
 from labr_autonomy.air.telemetry import AirState
 from labr_autonomy.air.time_sync import TimeSync
@@ -32,13 +33,8 @@ from labr_autonomy.errors import LinkError, Refused
 from labr_autonomy.record.tlog import Tlog
 from labr_autonomy.types import ImuSample, Odometry, SetPoint
 
-_log = logging.getLogger("labr.air")
-
 LIFT_S = 8.0  # ArduPilot spins up for 4 s before it leaves the floor (recorded)
-EFFECT_S = 2.0  # an acknowledged request must show in the state within this; heartbeats come at 1 Hz
 SETPOINT_FRESH_S = 0.5  # PX4 wants at least 2 Hz before and during offboard
-REASON_S = 0.3  # the words of a refusal come just after its acknowledgement
-POLL_S = 0.02
 SLOTS = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "EXTENDED_SYS_STATE", "BATTERY_STATUS", "CURRENT_MODE")
 WAKES = ("HEARTBEAT", "HIGHRES_IMU", "RAW_IMU")
 QUEUES = ("COMMAND_ACK", "STATUSTEXT", "EVENT", "TIMESYNC")
@@ -85,17 +81,19 @@ class AirChannel:
         self._start_s = clock.now_s()
         self._setpoint_sent_s: float | None = None
         self._offset = ClockOffset()
-        self._beat = asyncio.Event()
         self._link: Link | None = None
         self._mailbox: Mailbox | None = None
         self._recorder: Recorder | None = None
         self._signed: SignedLink | None = None
         self._commands: Commands | None = None
+        self._hello: Handshake | None = None
+        self._incoming: Incoming | None = None
+        self._effects: Effects | None = None
 
     # -- opening and closing ------------------------------------------------------------------------
 
     async def connect(self, timeout_s: float) -> None:
-        """Find the autopilot, check that it is ours and ask for the messages we read.
+        """Find the autopilot, check that it is ours and ask for the messages we read. Nothing is set on it.
 
         Raises:
             BadInput: The URL cannot be read.
@@ -129,20 +127,45 @@ class AirChannel:
             )
         number = int(system.get_system_id())
         self._commands = Commands(self._link.send, number)
+        self._incoming = Incoming(
+            self,
+            self._link.send,
+            self._commands,
+            self._recorder,
+            self._report,
+            self._time_sync,
+            self._offset,
+            self._clock,
+        )
         self._mailbox = Mailbox(
             self._link.attach(system), self._clock, (*SLOTS, *ANSWERS), WAKES, QUEUES, self._wake
         )
-        await self._until(lambda: True, self._clock.now_s(), deadline_s, f"{self._url} sent no heartbeat")
+        self._effects = Effects(self._commands, self._mailbox, self._report, lambda: self.state, self._clock)
+        await self._effects.until(
+            lambda: True, self._clock.now_s(), deadline_s, f"{self._url} sent no heartbeat"
+        )
         beat = self._mailbox.latest["HEARTBEAT"].fields
-        self.family = check_vehicle(number, beat, self._url, self._config.name)
-        hello = Handshake(self._link.send, self._commands, self._mailbox, self._clock)
+        self.family = self._incoming.family = check_vehicle(number, beat, self._url, self._config.name)
+        self._hello = hello = Handshake(self._link.send, self._commands, self._mailbox, self._clock)
         await hello.ask_for_streams(self.family.streams)
         answer = await hello.ask_for_message("AUTOPILOT_VERSION", px4.MSG_AUTOPILOT_VERSION)
         self.release = None if answer is None else release_of(answer)
         if self.release is not None:
             check_release(self.family, self.release, self._url)
+
+    async def give_origin(self) -> None:
+        """Give an autopilot that wants one the origin of its position, now and after a restart of it.
+
+        For flights only: whoever just looks leaves the autopilot as it is.
+
+        Raises:
+            LinkError: It does not confirm, or the link is not open.
+        """
+        if self._hello is None or self._incoming is None:
+            raise LinkError("no origin was set: the air link is not open", "Connect first.")
         if self.family.wants_origin:
-            await hello.set_origin()
+            await self._hello.set_origin()
+            self._incoming.gives_origin = True
 
     async def close(self) -> None:
         """End all subscriptions, sockets and threads of this channel; can be called again."""
@@ -157,6 +180,7 @@ class AirChannel:
         if self._signed is not None:
             self._signed.close()
         self._link = self._mailbox = self._recorder = self._commands = self._signed = None
+        self._hello = self._incoming = self._effects = None
 
     # -- every tick ---------------------------------------------------------------------------------
 
@@ -330,28 +354,9 @@ class AirChannel:
         *params: float,
         effect_s: float = EFFECT_S,
     ) -> None:
-        if self._commands is None:
+        if self._effects is None:
             raise LinkError(f"the request to {name} was not sent: the air link is not open", "Connect first.")
-        asked_s = self._clock.now_s()
-        result = await self._commands.run(name, command, *params)
-        if result != px4.ACCEPTED:
-            said = await self._reason(asked_s)
-            reason = f'; it says "{said}"' if said else ""
-            raise LinkError(f"the autopilot refused to {name}: {px4.result_name(result)}{reason}")
-        limit_s = self._clock.now_s() + effect_s
-        await self._until(
-            lambda: reached(self.state),
-            asked_s,
-            limit_s,
-            f"the autopilot accepted the request to {name}, but {effect_s:.0f} s later there is no effect",
-        )
-
-    async def _reason(self, asked_s: float) -> str:
-        """What the autopilot says of a refusal; its words come after the acknowledgement."""
-        deadline_s = self._clock.now_s() + REASON_S
-        while not (said := self._report.reason(asked_s)) and self._clock.now_s() < deadline_s:
-            await self._clock.sleep_until(self._clock.now_s() + POLL_S)
-        return said
+        await self._effects.request(name, reached, command, *params, effect_s=effect_s)
 
     # -- inside -------------------------------------------------------------------------------------
 
@@ -360,83 +365,10 @@ class AirChannel:
             raise LinkError("nothing was sent: the air link is not open", "Connect first.")
         return self._link
 
-    async def _until(
-        self, reached: Callable[[], bool], since_s: float, deadline_s: float, else_say: str
-    ) -> None:
-        """Wait for a heartbeat younger than `since_s` with which `reached` holds."""
-        while True:
-            beat = self._mailbox.latest.get("HEARTBEAT") if self._mailbox else None
-            if beat is not None and beat.arrival_s > since_s and reached():
-                return
-            self._beat.clear()
-            left_s = deadline_s - self._clock.now_s()
-            try:
-                async with asyncio.timeout(max(0.0, left_s)):
-                    await self._beat.wait()
-            except TimeoutError:
-                mode = f" (mode {self.state.mode})" if beat is not None else ""
-                raise LinkError(f"{else_say}{mode}", "Check the autopilot and its link.") from None
-
     def _wake(self, arrived: set[str]) -> None:
-        """On the loop: act on the kinds of messages that arrived."""
-        mailbox = self._mailbox
-        if mailbox is None:
+        """On the loop: messages of these kinds arrived."""
+        if self._mailbox is None or self._incoming is None:
             return
-        while mailbox.queues["TIMESYNC"]:
-            self._take_timesync(mailbox.queues["TIMESYNC"].popleft())
-        if self.family.imu in arrived:
-            self._take_imu(mailbox.latest[self.family.imu])
-        for name in ("STATUSTEXT", "EVENT"):
-            while mailbox.queues[name]:
-                self._take_words(name, mailbox.queues[name].popleft())
-        while mailbox.queues["COMMAND_ACK"]:
-            ack = mailbox.queues["COMMAND_ACK"].popleft().fields
-            if self._recorder is not None:
-                self._recorder.write_ack(ack)
-            if self._commands is not None:
-                self._commands.take_ack(ack)
-        if "HEARTBEAT" in arrived:
-            self._beat.set()
-
-    def _take_words(self, name: str, message: telemetry.Message) -> None:
-        sentence = self._report.take(name, message)
-        if sentence and self.on_say is not None:
-            self.on_say(sentence)
-
-    def _take_imu(self, message: telemetry.Message) -> None:
-        resets = self._offset.resets
-        stamp_s = self._offset.local_s(message.fields["time_usec"] * 1e-6, message.arrival_s)
-        if self._offset.resets != resets:
-            self._ask_again()
-        if stamp_s is None or self.on_imu is None:
-            return
-        sample = telemetry.imu_sample(message.fields, stamp_s, self.family.imu)
-        if sample is not None:
-            self.on_imu(sample)
-
-    def _take_timesync(self, message: telemetry.Message) -> None:
-        answer = self._time_sync.answer(message, self._clock.now_s())
-        if answer is not None:
-            self._try_send("TIMESYNC", answer)
-        round_trip_s = self._time_sync.round_trip_s(message)
-        if round_trip_s is not None and self.on_round_trip is not None:
-            self.on_round_trip(round_trip_s)
-
-    def _ask_again(self) -> None:
-        """The autopilot has rebooted and sends its default rates."""
-        _log.warning("the autopilot's clock started anew: it has rebooted")
-        for number, rate_hz in self.family.streams.values():
-            params = (float(number), 1e6 / rate_hz)
-            self._try_send(
-                "COMMAND_LONG", command_fields(px4.CMD_SET_MESSAGE_INTERVAL, params, 0, px4.VEHICLE_SYSTEM)
-            )
-
-        if self.family.wants_origin:
-            self._try_send("SET_GPS_GLOBAL_ORIGIN", origin_fields(px4.VEHICLE_SYSTEM))
-
-    def _try_send(self, name: str, fields: Fields) -> None:
-        """Send what may be lost."""
-        try:
-            self._opened().send(name, fields)
-        except LinkError as error:
-            _log.info("%s", error)
+        self._incoming.take(self._mailbox, arrived)
+        if "HEARTBEAT" in arrived and self._effects is not None:
+            self._effects.beat()

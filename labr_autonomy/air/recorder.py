@@ -19,6 +19,7 @@ from collections import deque
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from labr_autonomy.air.peer import Address, Peer
 from labr_autonomy.air.px4 import AUTOPILOT_COMPONENT, VEHICLE_SYSTEM
 from labr_autonomy.air.telemetry import Received
 from labr_autonomy.air.watch import Watch
@@ -42,7 +43,7 @@ class Recorder:
         self._tlog = tlog
         self._clock = clock
         self._watch = watch
-        self._mavsdk: tuple[str, int] | None = None  # where MAVSDK forwards from
+        self._mavsdk = Peer()  # where MAVSDK forwards from
         self._announced_s = -ANNOUNCE_S
         self._own = mavlink.MAVLink(None, VEHICLE_SYSTEM, LOGGER_COMPONENT)
         self._autopilot = mavlink.MAVLink(None, VEHICLE_SYSTEM, AUTOPILOT_COMPONENT)
@@ -104,18 +105,18 @@ class Recorder:
                 )
             except BlockingIOError:
                 break
-            batch.append((_received_s(control), data))
-            self._mavsdk = address
-            self._announce(address)
+            if self._mavsdk.admits(address):
+                batch.append((_received_s(control), data))
+                self._announce(address)
         return batch
 
     def _inject(self, data: bytes) -> None:
         """Hand a watcher's words to MAVSDK, which forwards them to the autopilot."""
-        if self._mavsdk is not None:
+        if self._mavsdk.address is not None:
             with contextlib.suppress(OSError):
-                self._socket.sendto(data, self._mavsdk)
+                self._socket.sendto(data, self._mavsdk.address)
 
-    def _announce(self, address: tuple[str, int]) -> None:
+    def _announce(self, address: Address) -> None:
         now_s = self._clock.now_s()
         if now_s - self._announced_s < ANNOUNCE_S:
             return

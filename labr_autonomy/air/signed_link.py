@@ -16,6 +16,7 @@ from pathlib import Path
 from pymavlink.dialects.v20 import development as mavlink
 
 from labr_autonomy.air.address import opened
+from labr_autonomy.air.peer import Peer
 from labr_autonomy.air.signing import Signer, read_key, stamp_of, unsigned
 from labr_autonomy.clock import utc_s
 
@@ -48,7 +49,7 @@ class SignedLink:
         self._near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._near.bind(("127.0.0.1", 0))
         self._near.setblocking(False)
-        self._mavsdk: tuple[str, int] | None = None
+        self._mavsdk = Peer()
         self._saved_s = utc_s()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="air-signing", daemon=True)
@@ -87,9 +88,11 @@ class SignedLink:
     def _outward(self) -> None:
         for _ in range(BATCH_MAX):
             try:
-                data, self._mavsdk = self._near.recvfrom(DATAGRAM_MAX)
+                data, sender = self._near.recvfrom(DATAGRAM_MAX)
             except OSError:
                 return
+            if not self._mavsdk.admits(sender):
+                continue
             signed = self.signer.sign(data, utc_s())  # MAVSDK sends one frame in a datagram
             if signed is not None:
                 with contextlib.suppress(OSError):
@@ -105,9 +108,9 @@ class SignedLink:
                 if message.get_type() == "BAD_DATA" or not self.signer.good(frame):
                     continue
                 plain = unsigned(frame)
-                if plain is not None and self._mavsdk is not None:
+                if plain is not None and self._mavsdk.address is not None:
                     with contextlib.suppress(OSError):
-                        self._near.sendto(plain, self._mavsdk)
+                        self._near.sendto(plain, self._mavsdk.address)
 
     def _saved(self) -> int:
         try:

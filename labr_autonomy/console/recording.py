@@ -16,7 +16,8 @@ from labr_autonomy.console.map_slot import MapView
 from labr_autonomy.console.requests import Request
 from labr_autonomy.errors import BadInput
 from labr_autonomy.record import foxglove
-from labr_autonomy.record.mcap_log import decode_depth, read_raw
+from labr_autonomy.record.depth_png import decode_depth
+from labr_autonomy.record.mcap_reader import read_raw
 
 SPEED_MAX = 20.0
 DEPTH_NEAR_S = 1.0

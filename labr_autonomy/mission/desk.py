@@ -27,7 +27,8 @@ from labr_autonomy.mission import operator
 from labr_autonomy.mission.budget import joules_to_finish
 from labr_autonomy.mission.logbook import Logbook
 from labr_autonomy.mission.operator import ORDERS, Stage
-from labr_autonomy.mission.pilot import Actions, Order, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Actions, Order
 from labr_autonomy.mission.portrait import Body, Joules, portrait
 from labr_autonomy.mission.preflight import Check, preflight
 from labr_autonomy.mission.steps import Kind as StepKind

@@ -38,7 +38,7 @@ from labr_autonomy.mission.schema import Mission
 from labr_autonomy.mission.simulator import External, SimulatorProcess
 from labr_autonomy.mission.steps import Status
 from labr_autonomy.processes import keep_cores, on_time
-from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.record.flight_log import FlightLog
 from labr_autonomy.record.report import write_report
 from labr_autonomy.record.run_data import LATENCIES
 from labr_autonomy.record.run_folder import make_run_folder

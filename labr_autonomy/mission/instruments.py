@@ -9,11 +9,14 @@ from labr_autonomy.config import RobotConfig
 from labr_autonomy.estimation.filter import PoseFilter
 from labr_autonomy.ground.state import GroundState
 from labr_autonomy.guard.failsafe import Health
-from labr_autonomy.mission.pilot import Look, Order, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Look, Order
+from labr_autonomy.mission.watchers import Watchers
 
 
 def look(
     pilot: Pilot,
+    watchers: Watchers,
     config: RobotConfig,
     poses: PoseFilter,
     ground: GroundState,
@@ -29,6 +32,7 @@ def look(
 
     Args:
         pilot: For its mode and what it plans for.
+        watchers: Tell who flies and whether the wheels have to rest.
         config: Energy reserve.
         poses: The estimate.
         ground: The land controller's word.
@@ -48,12 +52,10 @@ def look(
         plan_age_s=plan_age_s if pilot.planning_mode is not None else 0.0,
         vio_rejected=poses.vio_rejected_in_a_row,
         estop=ground.estop,
-        taken_over=pilot.taken_over(
-            air.mode, air.intended, air.failsafe, restarts, now_s, resumes=air.resumes
-        ),
+        taken_over=watchers.taken_over(pilot.transition.phase, pilot.landing_asked, air, restarts, now_s),
         battery_left=1.0 if air.battery_remaining is None else air.battery_remaining,
         battery_reserve=config.energy.reserve,
-        wheel_fault=pilot.wheel_fault(ground.latched, now_s),
+        wheel_fault=watchers.wheel_fault(ground.latched, now_s),
     )
     return Look(
         odometry=poses.predicted(now_s),
@@ -66,4 +68,5 @@ def look(
         health=health,
         order=order,
         lifts_by_command=air.lifts_by_command,
+        in_doubt=watchers.in_doubt,  # after `taken_over` above
     )

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from labr_autonomy.mission.meter import Meter
-from labr_autonomy.mission.pilot import Actions, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Actions
 from labr_autonomy.mission.steps import OnFail, Step
 from labr_autonomy.types import Array, Odometry
 

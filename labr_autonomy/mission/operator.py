@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from labr_autonomy.console.requests import Kind
-from labr_autonomy.mission.pilot import Order
+from labr_autonomy.mission.pilot_io import Order
 
 LINK_LATE_S: Mapping[str, float] = MappingProxyType(
     # the guard's own limits for a running mission (guard/failsafe.py), named as operators see the links

@@ -19,7 +19,8 @@ from labr_autonomy.frames import yaw_of
 from labr_autonomy.guard.failsafe import Reaction
 from labr_autonomy.guard.fence import Zone
 from labr_autonomy.mission.operator import LINK_LATE_S, OTHER_LATE_S, Stage, stale
-from labr_autonomy.mission.pilot import Actions, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Actions
 from labr_autonomy.mission.preflight import Check
 from labr_autonomy.mission.steps import Status, Step
 from labr_autonomy.modes.transition import Phase

@@ -11,7 +11,8 @@ from typing import Any
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.guard.fence import Zone
-from labr_autonomy.mission.pilot import Actions, Look, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Actions, Look
 from labr_autonomy.mission.steps import Step
 from labr_autonomy.planner.messages import PlanRequest, PlanResult
 from labr_autonomy.record.codec import pack

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from labr_autonomy.frames import rotation_matrix
-from labr_autonomy.record.mcap_log import decode_depth
+from labr_autonomy.record.depth_png import decode_depth
 from labr_autonomy.record.run_data import RunData, Track
 from labr_autonomy.types import Array
 

@@ -12,7 +12,7 @@ import numpy as np
 from labr_autonomy.errors import BadInput
 from labr_autonomy.modes.energy_fit import SAMPLES_MIN, Samples
 from labr_autonomy.modes.transition import Phase
-from labr_autonomy.record.mcap_log import read_log
+from labr_autonomy.record.mcap_reader import read_log
 from labr_autonomy.types import Array
 
 LOG = "flight.mcap"

@@ -16,7 +16,7 @@ from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
 from labr_autonomy.errors import BadInput
-from labr_autonomy.record.mcap_log import records_of
+from labr_autonomy.record.mcap_reader import records_of
 
 
 @dataclass(frozen=True, slots=True)

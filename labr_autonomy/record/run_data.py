@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labr_autonomy.errors import BadInput
-from labr_autonomy.record.mcap_log import read_log
+from labr_autonomy.record.mcap_reader import read_log
 from labr_autonomy.record.summary import read_summary
 from labr_autonomy.types import Array
 

@@ -11,11 +11,12 @@ from pydantic import ValidationError
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import BadInput
 from labr_autonomy.guard.fence import Zone
-from labr_autonomy.mission.pilot import Look, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Look
 from labr_autonomy.mission.steps import Step
 from labr_autonomy.planner.messages import PlanResult
 from labr_autonomy.record.codec import differences, pack, unpack
-from labr_autonomy.record.mcap_log import read_log
+from labr_autonomy.record.mcap_reader import read_log
 from labr_autonomy.replay.plans import read_plans
 from labr_autonomy.replay.verdict import Difference
 from labr_autonomy.types import Odometry, Pose

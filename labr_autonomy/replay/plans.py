@@ -16,7 +16,7 @@ from labr_autonomy.planner.messages import PlanRequest, PlanResult
 from labr_autonomy.planner.recorder import FRAME, REQUEST, RESULT, START
 from labr_autonomy.record import foxglove
 from labr_autonomy.record.codec import differences, pack, unpack
-from labr_autonomy.record.mcap_log import read_raw
+from labr_autonomy.record.mcap_reader import read_raw
 from labr_autonomy.replay.verdict import Difference
 from labr_autonomy.types import DepthFrame, Intrinsics
 

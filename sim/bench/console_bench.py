@@ -23,7 +23,7 @@ import numpy as np
 
 from labr_autonomy.clock import SystemClock, pause_s
 from labr_autonomy.errors import LinkError, Refused
-from labr_autonomy.record.mcap_log import read_log
+from labr_autonomy.record.mcap_reader import read_log
 from labr_autonomy.types import Array
 
 MISSION = """\

@@ -13,6 +13,7 @@ import os
 import shutil
 import socket
 import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -112,6 +113,10 @@ class Qemu:
         """Undo `stop`."""
         self._command("cont")
 
+    def monitor(self, line: str) -> None:
+        """Give the emulator's own console a command, such as "gdbserver ..."."""
+        self._command("human-monitor-command", {"command-line": line})
+
     def close(self) -> None:
         """End the machine; a second call does nothing."""
         if self._process.poll() is None:
@@ -127,9 +132,9 @@ class Qemu:
         if self._process.stderr is not None:
             self._process.stderr.close()
 
-    def _command(self, name: str) -> None:
+    def _command(self, name: str, arguments: Mapping[str, str] | None = None) -> None:
         with contextlib.suppress(BrokenPipeError):  # `_answer` says why it is gone
-            self._qmp.sendall(json.dumps({"execute": name}).encode())
+            self._qmp.sendall(json.dumps({"execute": name, "arguments": dict(arguments or {})}).encode())
         while "return" not in (answer := self._answer()):
             if "error" in answer:
                 raise LinkError(f"the emulator refused {name}: {answer['error'].get('desc')}")

@@ -14,8 +14,10 @@ from labr_autonomy.config import RobotConfig
 from labr_autonomy.estimation.filter import PoseFilter
 from labr_autonomy.guard.failsafe import VIO_LATE_S
 from labr_autonomy.mission.instruments import look
-from labr_autonomy.mission.pilot import Actions, Order, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Actions, Order
 from labr_autonomy.mission.steps import Kind, Status, Step
+from labr_autonomy.mission.watchers import Watchers
 from labr_autonomy.modes.transition import ROTORS, Phase
 from labr_autonomy.planner.messages import PlanRequest, PlanResult
 from labr_autonomy.types import DepthFrame, Mode, Odometry, Pose
@@ -113,6 +115,7 @@ class LockstepFlight:
         self._planner = planner
         self._pilot = Pilot(config, mission)
         self._filter = PoseFilter()
+        self._watchers = Watchers()
         self._air = AirSeam(seed)
         self._land = LandSeam(config)
         self._wall = SystemClock()
@@ -209,6 +212,7 @@ class LockstepFlight:
         self._take_plan()
         seen = look(
             self._pilot,
+            self._watchers,
             self._config,
             self._filter,
             self._land.state(now_s),

@@ -50,6 +50,12 @@ async def until(reached, timeout_s: float) -> float:
     return CLOCK.now_s() - start_s
 
 
+def restart(autopilot):
+    """Its clock begins anew."""
+    boot_s, now_s = autopilot.boot_s, autopilot.boot_s()
+    autopilot.boot_s = lambda: boot_s() - now_s
+
+
 @contextlib.asynccontextmanager
 async def pair(tlog=None, **double):
     port = free_port()
@@ -296,6 +302,8 @@ async def test_a_companion_gets_px4s_reason_as_an_event():
 async def test_ardupilot_is_given_an_origin_once_and_flown_by_its_own_words():
     async with pair(autopilot=ARDUPILOT) as (channel, autopilot):
         assert channel.family.name == "ArduPilot"
+        await channel.give_origin()
+        await channel.give_origin()
         origin = autopilot.of("SET_GPS_GLOBAL_ORIGIN")
         assert [(o.latitude, o.longitude, o.altitude) for o in origin] == [(473977420, 85455940, 489400)]
         asked = {c.param1 for c in autopilot.of("COMMAND_LONG") if c.command == SET_INTERVAL}
@@ -325,8 +333,34 @@ async def test_an_origin_that_ardupilot_has_already_is_left_alone():
     async with Double(port, autopilot=ARDUPILOT) as autopilot:
         autopilot.origin = autopilot.mav.gps_global_origin_encode(1, 2, 3)
         await channel.connect(5.0)
+        await channel.give_origin()
         assert not autopilot.of("SET_GPS_GLOBAL_ORIGIN")
         await channel.close()
+
+
+@pytest.mark.parametrize("kind", [12, ARDUPILOT])
+async def test_px4_is_never_given_an_origin_and_whoever_just_looks_gives_none(kind):
+    async with pair(autopilot=kind) as (channel, autopilot):
+        if kind != ARDUPILOT:
+            await channel.give_origin()
+        await wait_s(0.7)
+        restart(autopilot)
+        await until(lambda: channel.reboots, 5.0)
+        await wait_s(0.2)
+        assert not autopilot.of("SET_GPS_GLOBAL_ORIGIN")
+
+
+async def test_ardupilot_gets_the_origin_of_a_flight_again_after_a_restart():
+    async with pair(autopilot=ARDUPILOT) as (channel, autopilot):
+        await channel.give_origin()
+        await wait_s(0.7)
+        restart(autopilot)
+        await until(lambda: len(autopilot.of("SET_GPS_GLOBAL_ORIGIN")) == 2, 5.0)
+
+
+async def test_an_origin_needs_an_open_link():
+    with pytest.raises(LinkError, match="no origin was set"):
+        await AirChannel("udpin://127.0.0.1:1", RobotConfig(), CLOCK).give_origin()
 
 
 async def test_px4_is_never_asked_to_take_off_by_command():
@@ -494,9 +528,7 @@ async def test_after_a_reboot_the_streams_are_asked_for_again_and_nothing_is_arm
         channel.on_imu = lambda s: got.append(s.stamp_s)
         await wait_s(0.7)
         asked = autopilot.commands[SET_INTERVAL]
-        boot_s = autopilot.boot_s
-        reboot_s = boot_s()
-        autopilot.boot_s = lambda: boot_s() - reboot_s
+        restart(autopilot)
         await until(lambda: autopilot.commands[SET_INTERVAL] == asked + 6, 1.0)
         assert channel.reboots == 1
         assert autopilot.commands[ARM] == 0

@@ -20,7 +20,8 @@ from labr_autonomy.guard.fence import Zone
 from labr_autonomy.mission.desk import PROBE_S, Desk
 from labr_autonomy.mission.logbook import Logbook
 from labr_autonomy.mission.operator import LINK_LATE_S, Stage
-from labr_autonomy.mission.pilot import Look, Order, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Look, Order
 from labr_autonomy.mission.portrait import facts_of
 from labr_autonomy.mission.steps import Kind as StepKind
 from labr_autonomy.mission.steps import Status, Step

@@ -4,7 +4,7 @@ import pytest
 
 from labr_autonomy.console.requests import Kind
 from labr_autonomy.mission.operator import LINK_LATE_S, MOVING, ORDERS, TABLE, Stage, stale, step
-from labr_autonomy.mission.pilot import Order
+from labr_autonomy.mission.pilot_io import Order
 
 ASKED = [kind for kind in Kind if kind not in (Kind.TAKE, Kind.RELEASE, Kind.KEEP)]
 FRESH = dict.fromkeys(LINK_LATE_S, 0.02)

@@ -13,7 +13,7 @@ from browser_rig import LABR, Tab, artefacts, chromium, needs_chromium, served
 from sitl_rig import write_mission
 
 from labr_autonomy.gkpn.package import packaged_dir
-from labr_autonomy.record.mcap_log import read_log
+from labr_autonomy.record.mcap_reader import read_log
 from labr_autonomy.record.summary import read_summary
 
 pytestmark = [pytest.mark.sitl, pytest.mark.timeout(300), needs_chromium]

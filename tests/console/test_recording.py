@@ -10,7 +10,7 @@ from labr_autonomy.cli import main
 from labr_autonomy.console.feed import Seen
 from labr_autonomy.console.recording import RecordedFeed
 from labr_autonomy.errors import BadInput
-from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.record.flight_log import FlightLog
 
 
 class HandClock:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labr_autonomy.frames import quaternion_from_rpy
-from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.record.flight_log import FlightLog
 from labr_autonomy.types import Odometry, Pose
 
 T0_S = 500.0

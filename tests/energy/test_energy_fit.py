@@ -7,7 +7,7 @@ from energy_rig import MASS_KG, Truth, write_flight
 from labr_autonomy.errors import BadInput
 from labr_autonomy.modes.energy_fit import MEMORY_S, Samples, _newey_west, fit_energy
 from labr_autonomy.modes.transition import Phase
-from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.record.flight_log import FlightLog
 from labr_autonomy.record.power import read_power
 
 TRUTH = Truth()

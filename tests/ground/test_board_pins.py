@@ -23,6 +23,7 @@ RCC_CSR, SOFTWARE_RESET, WATCHDOG_RESET = 0x4002_3874, 1 << 28, 1 << 29
 IDR, AFRL, AFRH = 0x10, 0x20, 0x24
 STEPS = 8400
 INPUT, OUTPUT, ALTERNATE, ANALOGUE = 0, 1, 2, 3
+GUARD_WORDS, PAINT = 32, 0x57AC_C0DE
 
 
 class Memory:
@@ -214,3 +215,18 @@ def test_what_was_kept_outlives_a_reset_and_counts_as_a_stop_when_it_was_damaged
     assert booted(chip, reset).estop
     memory[build.KEPT_AT + 4] ^= 1
     assert not booted(chip, 0).estop
+
+
+def test_a_single_word_written_to_the_guard_of_the_stack_is_seen(chip):
+    memory, library = chip
+    library.stack_holds.restype = ctypes.c_bool
+    guard = [build.STACK_AT + 4 * k for k in range(GUARD_WORDS)]
+    for address in guard:
+        memory[address] = PAINT
+    assert library.stack_holds()
+    for address in guard:
+        memory[address] = 0
+        assert not library.stack_holds()
+        memory[address] = PAINT
+    memory[build.STACK_AT + 4 * GUARD_WORDS] = 0
+    assert library.stack_holds(), "above the guard the stack may be used"

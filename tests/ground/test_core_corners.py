@@ -193,6 +193,43 @@ def test_the_age_of_a_command_stops_at_its_field(core):
     assert core.state().command_age == 65_534
 
 
+def test_that_it_is_not_engaged_is_believed_of_a_command_that_is_refused_too(core):
+    core.engage()
+    core.velocity(300)  # it asks for motion all the same
+    core.step()
+    assert core.duty.braked
+    assert core.state().last_result == wire.LAND_RESULT_ENGAGE
+    assert core.state().mode == wire.LAND_MODE_IDLE
+
+
+def test_an_old_command_stays_old_when_the_counter_wraps(core):
+    """Two turns of the counter, 99 days, in steps as long as a pause may be."""
+    core.engage()
+    for _ in range(70):
+        core.step(2**27)
+        assert core.duty.braked
+        assert core.state().command_age == 65_534
+    core.hello()
+    core.velocity()
+    assert core.state().command_age < 100
+
+
+@pytest.mark.parametrize("jump_ms", [2**31 - 100, 2**31 + 100, 2**32 - 1000])
+def test_wheels_stop_however_far_the_clock_jumps(core, jump_ms):
+    core.engage()
+    core.step(jump_ms)
+    assert core.duty.braked
+
+
+@pytest.mark.parametrize(("early_ms", "stops"), [(10, False), (11, True)])
+def test_a_command_may_be_a_moment_early(core, early_ms, stops):
+    core.engage()
+    core.velocity(300, 1)
+    core.now -= early_ms
+    core.step(0)
+    assert core.duty.braked is stops
+
+
 def test_time_that_wraps_stops_nothing_and_starts_nothing(core):
     core.now = 2**32 - 150
     core.engage()

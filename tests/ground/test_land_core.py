@@ -236,6 +236,41 @@ def test_an_old_token_does_not_look_young_when_the_counter_wraps():
     assert core.on_release(s, s.session, 2, token, later)[0].estop
 
 
+def test_an_old_command_stays_old_when_the_counter_wraps():
+    s, at = driving(), NOW
+    for _ in range(70):
+        at += 2**27
+        s = tick(s, at % 2**32)
+        assert s.drive.braked
+        assert core.ahead(at % 2**32, s.accepted_ms, 32) == core.AGE_MAX_MS
+
+
+@pytest.mark.parametrize("jump_ms", [2**31 - 100, 2**31 + 100, 2**32 - 1000])
+def test_wheels_stop_however_far_the_clock_jumps(jump_ms):
+    s = tick(driving(), (NOW + jump_ms) % 2**32)
+    assert s.drive.braked
+    assert core.ahead((NOW + jump_ms) % 2**32, s.accepted_ms, 32) == core.AGE_MAX_MS
+
+
+@pytest.mark.parametrize(("early_ms", "stops"), [(core.EARLY_MS, False), (core.EARLY_MS + 1, True)])
+def test_a_command_may_be_a_moment_early(early_ms, stops):
+    assert tick(driving(), NOW - early_ms).drive.braked is stops
+
+
+def test_that_it_is_not_engaged_is_believed_of_a_command_that_is_refused_too():
+    s = driving()
+    s = say(s, command(s, 3, engaged=False), NOW + 8)  # it asks for motion all the same
+    assert s.last_result == wire.LAND_RESULT_ENGAGE
+    assert tick(s, NOW + 8).drive.braked
+    assert s.mode == wire.LAND_MODE_IDLE
+    assert say(s, command(s, 4), NOW + 12).engaged, "engaging needs no more than it did before"
+
+
+def test_a_stranger_does_not_disengage():
+    s = driving()
+    assert say(s, command(s, 3, session=s.session ^ 1, engaged=False), NOW + 8).engaged
+
+
 def test_a_wrong_token_spends_the_right_one():
     s, _, token = core.on_release(core.on_estop(driving()), driving().session, 1, 0, NOW)
     s, _, _ = core.on_release(s, s.session, 2, token ^ 1, NOW)

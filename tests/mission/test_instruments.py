@@ -10,7 +10,9 @@ from labr_autonomy.config import RobotConfig
 from labr_autonomy.ground.state import Telemetry, describe
 from labr_autonomy.guard.failsafe import Reaction, State, step
 from labr_autonomy.mission.instruments import look
-from labr_autonomy.mission.pilot import Order
+from labr_autonomy.mission.pilot_io import Order
+from labr_autonomy.mission.watchers import Watchers
+from labr_autonomy.modes import transition
 from labr_autonomy.types import Mode
 
 AIR = AirState(1.0, True, False, "hold", "on_ground", None, None, None, 20.5, 0.9, 1.0, 0.1, False)
@@ -21,13 +23,17 @@ def seen(land_mode: int):
     names = wire.MAVLink_land_state_message.fieldnames
     message = wire.MAVLink_land_state_message(**{name: land_mode * (name == "mode") for name in names})
     pilot = SimpleNamespace(
-        mode=Mode.LAND, planning_mode=None, taken_over=lambda *_, **__: "", wheel_fault=lambda *_: ""
+        mode=Mode.LAND,
+        planning_mode=None,
+        landing_asked=False,
+        transition=transition.State(),
     )
     poses = SimpleNamespace(
         ages=lambda _: {"vio_accepted": 0.02}, predicted=lambda _: None, vio_rejected_in_a_row=0
     )
     return look(
         pilot,
+        Watchers(),
         RobotConfig(),
         poses,
         describe(Telemetry(1.0, 1.0, message), True, "", 1.02),

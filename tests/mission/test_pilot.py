@@ -6,17 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from labr_autonomy.air.telemetry import AirState
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import quaternion_from_rpy
 from labr_autonomy.guard.failsafe import Health, Reaction
 from labr_autonomy.guard.fence import Zone
-from labr_autonomy.mission.pilot import Look, Order, Pilot
+from labr_autonomy.mission.pilot import Pilot
+from labr_autonomy.mission.pilot_io import Look, Order
 from labr_autonomy.mission.steps import Kind, OnFail, Policy, Status, Step
+from labr_autonomy.mission.watchers import Watchers
 from labr_autonomy.modes.transition import Command, Phase
 from labr_autonomy.planner.messages import PlanResult, Timings
 from labr_autonomy.types import KeyPoints, Mode, Odometry, Pose, Source, Trajectory
 
 TICK_S = 0.02
+AIR = AirState(1.0, True, False, "hold", "on_ground", None, None, None, 20.5, 0.9, 1.0, 0.1, False)
 CONFIG = RobotConfig()
 FLOOR_GOAL = Step(Kind.GOTO, "floor", np.array([2.0, 0.0, 0.0]))
 AIR_GOAL = Step(Kind.GOTO, "air", np.array([3.0, 1.0, 1.5]), in_air=True)
@@ -28,6 +32,7 @@ class Robot:
 
     def __init__(self, *mission, zones=(), duration_s=math.inf):
         self.pilot = Pilot(CONFIG, mission, zones, duration_s)
+        self.watchers = Watchers()
         self.now_s = 100.0
         self.position = np.array([0.0, 0.0, CONFIG.body.below_m])
         self.velocity = np.zeros(3)
@@ -55,7 +60,9 @@ class Robot:
         pose = Pose(self.position.copy(), quaternion_from_rpy(0, 0, self.yaw))
         odometry = Odometry(self.now_s, pose, self.velocity, np.zeros(3), np.eye(6) * 1e-4)
         health = Health(self.pilot.mode, 0.05, 0.05, 0.02, 0.5, 0.1, 0, False, "", 0.9, 0.15)
-        taken = self.pilot.taken_over(self.mode, self.intended, self.critical, self.restarts, self.now_s)
+        air = replace(AIR, mode=self.mode, intended=self.intended, failsafe=self.critical)
+        phase, asked = self.pilot.transition.phase, self.pilot.landing_asked
+        taken = self.watchers.taken_over(phase, asked, air, self.restarts, self.now_s)
         health = replace(health, taken_over=taken)
         low = self.height < 0.01
         speed = float(np.hypot(*self.velocity[:2])) if low else 0.0
@@ -70,6 +77,7 @@ class Robot:
             replace(health, **self.health),
             self.order,
             self.lifts_by_command,
+            self.watchers.in_doubt,
         )
 
     def step(self):
@@ -321,6 +329,74 @@ def test_a_restart_on_the_floor_is_no_reason_to_yield():
     assert robot.actions.reaction is Reaction.NONE
 
 
+def arming(robot, until):
+    return robot.run(60, until=lambda r: r.actions.phase is Phase.ARMING and until(r))
+
+
+def asked_to_arm(robot):
+    return any(command is Command.ARM for _, command in robot.pending)
+
+
+@pytest.mark.parametrize("armed", [False, True])
+def test_whoever_changes_the_mode_while_arming_gets_the_robot_and_it_neither_lifts_nor_disarms(armed):
+    robot = arming(Robot(AIR_GOAL, HOME), asked_to_arm)
+    robot.pending = []
+    robot.armed, robot.mode, robot.intended = armed, "position", "position"
+    for _ in range(round(8.0 / TICK_S)):
+        robot.step()
+        assert robot.actions.command is None
+        assert robot.actions.air is None
+    assert robot.armed is armed
+    assert Phase.LIFTING not in robot.phases
+    assert robot.actions.reaction is Reaction.YIELD
+    assert "in position" in robot.pilot.failsafe.sentence
+
+
+def test_whoever_changes_the_mode_before_the_autopilot_follows_is_not_overruled():
+    robot = arming(Robot(AIR_GOAL, HOME), lambda r: r.pending)
+    robot.pending, robot.mode = [], "position"
+    for _ in range(round(8.0 / TICK_S)):
+        robot.step()
+        assert robot.actions.command is None
+    assert robot.actions.reaction is Reaction.YIELD
+
+
+def test_a_take_off_survives_a_message_that_came_late():
+    robot = arming(Robot(AIR_GOAL, HOME), asked_to_arm)
+    robot.mode = "hold"
+    for _ in range(5):
+        robot.step()
+        assert robot.actions.command is None, "if it is a person, nothing may undo the choice meanwhile"
+    robot.mode = "offboard"
+    airborne(robot)
+    assert robot.actions.phase is Phase.FLYING
+
+
+def test_a_called_off_take_off_waits_until_it_is_clear_who_flies():
+    robot = arming(Robot(AIR_GOAL, HOME), asked_to_arm)
+    robot.pending, robot.armed = [], True
+    robot.mode, robot.order = "position", Order.LAND
+    robot.run(8.0)
+    assert robot.armed, "disarming is not ours to do any more"
+
+
+def test_a_failsafe_of_the_autopilot_while_arming_ends_in_another_try():
+    robot = arming(Robot(AIR_GOAL, HOME), asked_to_arm)
+    robot.mode, robot.intended, robot.critical = "land", "offboard", True
+    robot.run(3.0)
+    assert robot.actions.reaction is Reaction.NONE
+
+
+def test_an_autopilot_that_restarts_while_arming_is_not_armed_again():
+    robot = arming(Robot(AIR_GOAL, HOME), asked_to_arm)
+    robot.pending, robot.mode = [], "hold"
+    robot.restarts += 1
+    for _ in range(200):
+        robot.step()
+        assert robot.actions.command is None
+    assert "restarted while arming" in robot.pilot.failsafe.sentence
+
+
 def test_an_autopilot_that_lifts_off_by_command_gets_no_set_points_until_it_flies():
     robot = Robot(AIR_GOAL, HOME)
     robot.follow_mode, robot.lifts_by_command = "guided", True
@@ -448,13 +524,13 @@ def test_a_plan_that_comes_too_late_is_not_followed():
     robot = Robot(FLOOR_GOAL).run(2.0)
     robot.plans = False
     robot._plan()
-    late = robot.pilot._course.trajectory
-    robot.pilot._course.drop()
+    late = robot.pilot._following.course.trajectory
+    robot.pilot._following.course.drop()
     result = robot.pilot._facts
     robot.pilot.accept(result, late.start_s + 1.0)
-    assert robot.pilot._course.trajectory is None
+    assert robot.pilot._following.course.trajectory is None
     robot.pilot.accept(result, late.start_s)
-    assert robot.pilot._course.trajectory is late
+    assert robot.pilot._following.course.trajectory is late
 
 
 def test_a_hold_stops_the_clock_of_the_mission():

@@ -10,7 +10,7 @@ import pytest
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.planner import recorder
 from labr_autonomy.planner.messages import Motion, PlanRequest, PlanResult, Timings
-from labr_autonomy.record.mcap_log import read_raw
+from labr_autonomy.record.mcap_reader import read_raw
 from labr_autonomy.types import Mode, Pose, Source
 
 HERE = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))

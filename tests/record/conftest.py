@@ -10,7 +10,7 @@ import pytest
 
 from labr_autonomy.config import Camera
 from labr_autonomy.frames import quaternion_from_rpy
-from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.record.flight_log import FlightLog
 from labr_autonomy.record.summary import Leg, Summary, percentiles, write_summary
 from labr_autonomy.types import (
     DepthFrame,

@@ -14,8 +14,11 @@ from mcap.reader import make_reader
 
 from labr_autonomy.config import Camera
 from labr_autonomy.errors import BadInput
-from labr_autonomy.record import foxglove, mcap_log
-from labr_autonomy.record.mcap_log import FlightLog, decode_depth, encode_depth, read_log
+from labr_autonomy.record import foxglove, mcap_writer
+from labr_autonomy.record.depth_png import decode_depth, encode_depth
+from labr_autonomy.record.flight_log import FlightLog
+from labr_autonomy.record.mcap_reader import read_log
+from labr_autonomy.record.mcap_writer import McapWriter
 from labr_autonomy.record.topics import TOPICS
 from labr_autonomy.types import DepthFrame, Intrinsics, Pose
 
@@ -51,7 +54,7 @@ def test_log_time_is_utc_and_the_stamp_stays_monotonic(tmp_path, monkeypatch):
         def now_s(self):
             return 50.0
 
-    monkeypatch.setattr(mcap_log, "utc_s", lambda: 1_000_050.0)
+    monkeypatch.setattr(mcap_writer, "utc_s", lambda: 1_000_050.0)
     with FlightLog(tmp_path / "a.mcap", clock=Clock()) as log:
         log.event(51.5, "x")
     with (tmp_path / "a.mcap").open("rb") as stream:
@@ -88,7 +91,7 @@ def test_an_absent_log_is_bad_input(tmp_path):
 KILLED = """
 import sys
 from labr_autonomy.clock import SystemClock, pause_s
-from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.record.flight_log import FlightLog
 from pathlib import Path
 clock = SystemClock()
 log = FlightLog(Path(sys.argv[1]))
@@ -119,13 +122,13 @@ def test_a_kill_loses_less_than_a_second(tmp_path):
 
 def test_a_full_queue_drops_the_oldest_counts_them_and_never_waits(tmp_path, monkeypatch):
     gate = threading.Event()
-    real = FlightLog._write
+    real = McapWriter._write
 
     def held(self, *entry):
         gate.wait(10)
         real(self, *entry)
 
-    monkeypatch.setattr(FlightLog, "_write", held)
+    monkeypatch.setattr(McapWriter, "_write", held)
     log = FlightLog(tmp_path / "a.mcap", queue_max=10)
     for i in range(100):
         log.event(float(i), str(i))
@@ -155,7 +158,7 @@ def test_a_full_disk_ends_the_log_not_the_flight(tmp_path):
         def write(self, _):
             raise OSError(28, "No space left on device")
 
-    log._writer._Writer__stream = Full()
+    log._writer._writer._Writer__stream = Full()
     log.event(1.0, "x")
     log.close()
     assert "No space left" in log.fault
@@ -206,7 +209,7 @@ def test_what_was_flushed_is_on_the_disk(tmp_path, monkeypatch):
             synced.set()
 
     monkeypatch.setattr(os, "fdatasync", noticed)
-    monkeypatch.setattr(mcap_log, "FLUSH_S", 0.05)
+    monkeypatch.setattr(mcap_writer, "FLUSH_S", 0.05)
     with FlightLog(path) as log:
         log.event(1.0, "first")
         assert synced.wait(10)

@@ -8,7 +8,9 @@ from mcap.reader import make_reader
 
 from labr_autonomy.cli import main
 from labr_autonomy.errors import BadInput
-from labr_autonomy.record.mcap_log import FLUSH_S, FlightLog, read_log, read_raw
+from labr_autonomy.record.flight_log import FlightLog
+from labr_autonomy.record.mcap_reader import read_log, read_raw
+from labr_autonomy.record.mcap_writer import FLUSH_S
 from labr_autonomy.record.repair import repair, repair_run
 
 
@@ -16,16 +18,17 @@ from labr_autonomy.record.repair import repair, repair_run
 def run(tmp_path, monkeypatch):
     """A flight of 20 s, its chunks closed as often as in flight."""
     log = FlightLog(tmp_path / "flight.mcap", metadata={"mission": "m"})
-    written = log._write
+    writer = log._writer
+    written = writer._write
     flushed_s = [1000.0]
 
     def write(topic, stamp_s, body, also):
         written(topic, stamp_s, body, also)
         if stamp_s - flushed_s[0] >= FLUSH_S:
-            log._writer.flush()
+            writer._writer.flush()
             flushed_s[0] = stamp_s
 
-    monkeypatch.setattr(log, "_write", write)
+    monkeypatch.setattr(writer, "_write", write)
     for i in range(1000):
         log.event(1000.0 + i / 50, f"event {i}")
     log.close()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from labr_autonomy.errors import BadInput
 from labr_autonomy.guard.fence import Zone
-from labr_autonomy.mission.pilot import Order
+from labr_autonomy.mission.pilot_io import Order
 from labr_autonomy.mission.steps import Kind, OnFail, Step
 from labr_autonomy.record.codec import differences, pack, unpack
 from labr_autonomy.types import KeyPoints, Mode, SetPoint, Source

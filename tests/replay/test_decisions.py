@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from labr_autonomy.errors import BadInput
-from labr_autonomy.mission import pilot as pilot_module
-from labr_autonomy.mission.pilot import Order
+from labr_autonomy.mission.pilot_io import Order
 from labr_autonomy.mission.recorded import RecordedPilot
 from labr_autonomy.mission.steps import Kind, Step
 from labr_autonomy.planner.recorder import PlannerLog
-from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.record.flight_log import FlightLog
 from labr_autonomy.replay.decisions import check_decisions
 from labr_autonomy.replay.plans import read_plans
 from labr_autonomy.types import DepthFrame, Intrinsics
@@ -80,8 +79,22 @@ def test_a_fresh_recording_is_decided_the_same(run):
     assert len(list(read_plans(run))) > 50
 
 
+def test_a_moment_of_doubt_about_who_flies_is_decided_the_same(tmp_path):
+    robot = RecordedRobot(tmp_path, rig.AIR_GOAL)
+    rig.arming(robot, rig.asked_to_arm)
+    robot.mode = "hold"
+    robot.run(0.1)
+    assert robot.look().in_doubt
+    robot.mode = "offboard"
+    rig.airborne(robot)
+    robot.close()
+    ticks, differences = check_decisions(tmp_path, 100)
+    assert [d.sentence for d in differences] == []
+    assert ticks > 100
+
+
 def test_a_changed_pilot_is_noticed_and_named(run, monkeypatch):
-    monkeypatch.setattr(pilot_module, "LOST_M", 0.0)  # it loses its trajectory at once
+    monkeypatch.setattr("labr_autonomy.mission.following.LOST_M", 0.0)  # it loses its trajectory at once
     _, differences = check_decisions(run, 100)
     assert differences[0].part == "pilot"
     assert differences[0].where.startswith("tick at ")

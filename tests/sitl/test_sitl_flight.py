@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from sitl_rig import alive, family, leftovers, start_flight, write_mission
 
-from labr_autonomy.record.mcap_log import read_log
+from labr_autonomy.record.mcap_reader import read_log
 from labr_autonomy.record.summary import read_summary
 
 pytestmark = [pytest.mark.sitl, pytest.mark.timeout(180)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from labr_autonomy.modes.transition import Phase
-from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.record.flight_log import FlightLog
 from sim.bench.transitions.trial import fly
 
 EVERY = 5  # ticks between two entries: 10 Hz, as in flight

@@ -1,10 +1,12 @@
 // The firmware's loop: hear, sample, decide, drive, tell; sleep until the next interrupt.
 #include "board.h"
 #include "clock.h"
+#include "fault.h"
 #include "keep.h"
 #include "land_controller.h"
 #include "land_report.h"
 #include "registers.h"
+#include "stack.h"
 #include "usart.h"
 #include "watchdog.h"
 
@@ -73,6 +75,9 @@ int main(void) {
     uint32_t ticks = systick_count;
     for (;;) {
         __asm volatile("wfi");
+        if (!stack_holds()) {
+            fault_stop();
+        }
         const uint64_t now_us = clock_us();
         const uint32_t now_ms = (uint32_t)(now_us / 1000u);
         if (ticks != systick_count) {

@@ -2,16 +2,20 @@
 #include <stdint.h>
 
 #include "board.h"
+#include "fault.h"
 #include "keep.h"
 #include "registers.h"
+#include "stack.h"
 #include "usart.h"
 
-extern uint32_t data_begin[], data_end[], data_load[], bss_begin[], bss_end[], stack_top[];
+extern uint32_t data_begin[], data_end[], data_load[], bss_begin[], bss_end[], stack_begin[], stack_top[];
 
 int main(void);
 void reset_handler(void);
 static void fault_handler(void);
 static void systick_handler(void);
+
+#define STACK_IN_USE_WORDS 32u  // of `reset_handler` itself, with room to spare
 
 volatile uint32_t systick_count;
 
@@ -49,6 +53,10 @@ void reset_handler(void) {
     for (uint32_t *to = bss_begin; to < bss_end; to++) {
         *to = 0;
     }
+    uint32_t *const in_use = __builtin_frame_address(0);
+    for (uint32_t *to = stack_begin; to < in_use - STACK_IN_USE_WORDS; to++) {
+        *to = STACK_PAINT;
+    }
     (void)main();
 }
 
@@ -56,8 +64,12 @@ static void systick_handler(void) {
     systick_count++;
 }
 
-// Brake, leave a word for the next boot, and boot.
-static void fault_handler(void) {
+// The stack may be what is wrong: begin a new one.
+__attribute__((naked)) static void fault_handler(void) {
+    __asm volatile("ldr r0, =stack_top\n mov sp, r0\n b fault_stop");
+}
+
+__attribute__((used)) _Noreturn void fault_stop(void) {
     board_brake();
     keep_note_fault();
     SCB_AIRCR = 0x05FA0004;

@@ -12,7 +12,7 @@ import numpy as np
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import roll_pitch_of
-from labr_autonomy.mission.pilot import Actions
+from labr_autonomy.mission.pilot_io import Actions
 from labr_autonomy.mission.steps import Kind, Policy, Step
 from labr_autonomy.modes.transition import Phase
 from labr_autonomy.types import Array

@@ -1,63 +1,30 @@
-"""The flight log: MCAP, written by a thread of its own.
+"""The flight log `flight.mcap`: which message each event of a flight becomes.
 
 Topics of our own are JSON; beside them stand the topics that viewers know by itself (`record.foxglove`).
-
-The caller's cost is an append to a bounded queue: it never waits for the disk. When the queue is full the
-oldest entry goes, and the loss is counted and itself logged. Chunks are closed and on the disk every half
-second, so that a killed process or a power cut loses no more than that; `read_log` reads such a file up
-to its torn end.
+Messages are made in the writer's thread (`record.mcap_writer`), not in the caller's.
 """
 
 from __future__ import annotations
 
 import base64
-import json
 import math
-import os
-import struct
-import threading
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.records import Channel, McapRecord, Message
-from mcap.stream_reader import StreamReader
-from mcap.writer import Writer
 from numpy.typing import NDArray
-from zstandard import ZstdError  # mcap's own compression
 
-from labr_autonomy.clock import Clock, SystemClock, utc_s
+from labr_autonomy.clock import Clock, SystemClock
 from labr_autonomy.config import Camera
-from labr_autonomy.errors import BadInput
 from labr_autonomy.record.depth_jpeg import depth_jpeg
-from labr_autonomy.record.topics import TOPICS
-from labr_autonomy.types import (
-    DepthFrame,
-    Image,
-    KeyPoints,
-    Odometry,
-    Pose,
-    SetPoint,
-    Source,
-    Trajectory,
-)
+from labr_autonomy.record.depth_png import DEPTH_SCALE_M, encode_depth
+from labr_autonomy.record.mcap_writer import QUEUE_MAX, Body, McapWriter, Viewers
+from labr_autonomy.types import DepthFrame, KeyPoints, Odometry, Pose, SetPoint, Source, Trajectory
 
-FLUSH_S = 0.5
-POLL_S = 0.05
-QUEUE_MAX = 4000  # about 20 s of a flight's messages
 DEPTH_PERIOD_S = 0.5  # raw depth would be 4.6 MB/s
-DEPTH_SCALE_M = 0.001
 PATH_POINTS = 24  # of a trajectory, kept for the pictures
-RECORD_MAX_BYTES = 64 * 1024 * 1024
-
-Body = dict[str, Any]
-Viewers = Mapping[str, Callable[[float], bytes]]  # by topic, what makes its message of a UTC stamp
-Entry = tuple[str, float, Callable[[], Body] | None, Viewers]  # topic, stamp, what makes the message
-NONE: Viewers = {}
 
 
 class FlightLog:
@@ -87,37 +54,20 @@ class FlightLog:
         from labr_autonomy.record import foxglove
 
         self._viewers = foxglove
-
-        self._clock = clock or SystemClock()
-        self._epoch_s = utc_s() - self._clock.now_s()  # monotonic to UTC, for the log time
-        self._queue: deque[Entry] = deque()
-        self._queue_max = queue_max
-        self._lock = threading.Lock()
         self._depth_period_s = depth_period_s
         self._depth_next_s = -math.inf
-        self._dropped = 0
-        self._fault: str | None = None
-        self._stop = threading.Event()
-        try:
-            self._stream = path.open("wb")
-        except OSError as error:
-            raise BadInput(
-                f"{path} cannot be written: {error.strerror}", "Choose another --out DIR"
-            ) from None
-        self._writer = Writer(self._stream)
-        self._channels = self._begin({"utc_minus_monotonic_s": f"{self._epoch_s:.6f}", **(metadata or {})})
-        self._thread = threading.Thread(target=self._run, name="flight-log", daemon=True)
-        self._thread.start()
+        self._writer = McapWriter(path, clock or SystemClock(), metadata or {}, foxglove.register, queue_max)
+        self._put = self._writer.put
 
     @property
     def dropped(self) -> int:
         """Entries that were lost because the disk was too slow or failed."""
-        return self._dropped
+        return self._writer.dropped
 
     @property
     def fault(self) -> str | None:
         """Why writing has stopped, if it has."""
-        return self._fault
+        return self._writer.fault
 
     def odometry(self, odometry: Odometry) -> None:
         """The estimate of one instant."""
@@ -280,8 +230,7 @@ class FlightLog:
 
     def close(self) -> None:
         """Write out what is queued and finish the file; safe to call twice."""
-        self._stop.set()
-        self._thread.join()
+        self._writer.close()
 
     def __enter__(self) -> Self:
         """For `with`."""
@@ -292,149 +241,6 @@ class FlightLog:
     ) -> None:
         """Close."""
         self.close()
-
-    def _put(self, topic: str, stamp_s: float, body: Callable[[], Body] | None, also: Viewers = NONE) -> None:
-        with self._lock:
-            if len(self._queue) >= self._queue_max or self._stop.is_set():
-                self._dropped += 1
-                if self._stop.is_set():
-                    return
-                self._queue.popleft()
-            self._queue.append((topic, stamp_s, body, also))
-
-    def _begin(self, metadata: Mapping[str, str]) -> dict[str, int]:
-        self._writer.start(profile="", library="labr-autonomy")
-        self._writer.add_metadata("run", dict(metadata))
-        channels = {}
-        for topic, schema in TOPICS.items():
-            name = f"labr{topic.replace('/', '.')}"
-            schema_id = self._writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
-            channels[topic] = self._writer.register_channel(topic, "json", schema_id)
-
-        def add(topic: str, name: str, encoding: str, data: bytes) -> None:
-            schema_id = self._writer.register_schema(name, encoding, data)
-            channels[topic] = self._writer.register_channel(topic, encoding, schema_id)
-
-        self._viewers.register(add)
-        return channels
-
-    def _run(self) -> None:
-        """The thread: drain, write, flush; ends when told to and nothing is left."""
-        flush_due_s = self._clock.now_s() + FLUSH_S
-        reported = 0
-        try:
-            while True:
-                stopping = self._stop.is_set()  # read before draining, so that nothing is left behind
-                while entry := self._take():
-                    self._write(*entry)
-                now_s = self._clock.now_s()
-                if self._dropped != reported:
-                    reported = self._dropped
-                    self._write(
-                        "/recorder", now_s, lambda: {"dropped": self._dropped, "queued": len(self._queue)}
-                    )
-                if now_s >= flush_due_s:
-                    self._writer.flush()
-                    self._stream.flush()
-                    os.fdatasync(self._stream.fileno())  # on the disk, not in memory that a power cut empties
-                    flush_due_s = now_s + FLUSH_S
-                if stopping:
-                    break
-                self._stop.wait(POLL_S)
-            self._writer.finish()
-        except OSError as error:  # disk full or gone: the flight goes on without its log
-            self._fault = f"the flight log has stopped: {error.strerror}"
-        try:
-            self._stream.close()
-        except OSError as error:  # the last buffer did not fit either
-            self._fault = self._fault or f"the flight log is not whole: {error.strerror}"
-
-    def _take(self) -> Entry | None:
-        with self._lock:
-            return self._queue.popleft() if self._queue else None
-
-    def _write(
-        self, topic: str, stamp_s: float, body: Callable[[], Body] | None, also: Viewers = NONE
-    ) -> None:
-        utc_s = stamp_s + self._epoch_s if math.isfinite(stamp_s) else 0.0
-        log_ns = max(0, int(utc_s * 1e9))
-        if body is not None:
-            message = _finite({"stamp_s": stamp_s, **body()})
-            data = json.dumps(message, allow_nan=False, separators=(",", ":")).encode()
-            self._writer.add_message(self._channels[topic], log_ns, data, log_ns)
-        for name, make in also.items():
-            self._writer.add_message(self._channels[name], log_ns, make(utc_s), log_ns)
-
-
-def encode_depth(depth_m: Image) -> bytes:
-    """16-bit PNG of a depth image (h, w) [m] in units of DEPTH_SCALE_M; 0 = invalid."""
-    import cv2  # heavy; only the thread needs it
-
-    units = np.nan_to_num(depth_m / DEPTH_SCALE_M, nan=0.0, posinf=0.0, neginf=0.0)
-    scaled = np.clip(np.rint(units), 0, 65535).astype(np.uint16)
-    return bytes(cv2.imencode(".png", scaled)[1])
-
-
-def decode_depth(message: Mapping[str, Any]) -> Image:
-    """The depth image (h, w) float32 [m] of a `/depth` message."""
-    import cv2
-
-    raw = np.frombuffer(base64.b64decode(message["data"]), dtype=np.uint8)
-    return np.asarray(cv2.imdecode(raw, cv2.IMREAD_UNCHANGED), dtype=np.float32) * np.float32(
-        message["scale_m"]
-    )
-
-
-def read_log(path: Path) -> Iterator[tuple[str, Body]]:
-    """JSON messages (topic, body) in the order written, up to the end or to where the file is torn.
-
-    Raises:
-        BadInput: when it is no MCAP file at all.
-    """
-    for topic, encoding, data in read_raw(path):
-        if encoding == "json":
-            yield topic, json.loads(data)
-
-
-def read_raw(path: Path) -> Iterator[tuple[str, str, bytes]]:
-    """Messages (topic, encoding, bytes) in the order written, up to the end or to where the file is torn.
-
-    Raises:
-        BadInput: when it is no MCAP file at all.
-    """
-    channels: dict[int, Channel] = {}
-    for record in records_of(path):
-        if isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Message) and record.channel_id in channels:
-            channel = channels[record.channel_id]
-            yield channel.topic, channel.message_encoding, record.data
-
-
-def records_of(path: Path) -> Iterator[McapRecord]:
-    """All records, up to the end or to where the file is torn.
-
-    Raises:
-        BadInput: when it is no MCAP file at all.
-    """
-    try:
-        stream = path.open("rb")
-    except OSError as error:
-        raise BadInput(f"{path} cannot be read: {error.strerror}", "Check the path") from None
-    with stream:
-        records = StreamReader(stream, record_size_limit=RECORD_MAX_BYTES).records
-        any_read = False
-        while True:
-            try:
-                record = next(records, None)
-            except (McapError, ZstdError, struct.error, ValueError, EOFError) as error:
-                if not any_read:
-                    raise BadInput(f"{path} is not an MCAP file", "Name a flight.mcap of a run") from error
-                return  # torn: the process was killed while writing
-            if record is None:
-                return
-            any_read = True
-            yield record
 
 
 def _key_points(points: KeyPoints | None) -> Body | None:
@@ -450,16 +256,3 @@ def _key_points(points: KeyPoints | None) -> Body | None:
 
 def _list(values: Any, digits: int = 4) -> list[float]:
     return [round(float(v), digits) for v in values]
-
-
-def _finite(value: Any) -> Any:
-    """The same with null for numbers that JSON does not know."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_finite(v) for v in value]
-    if isinstance(value, np.generic):
-        return _finite(value.item())
-    return value

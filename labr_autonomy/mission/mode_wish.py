@@ -1,0 +1,95 @@
+"""Which mode, land or air, mission, operator and failsafe ask for now. No I/O, no clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from labr_autonomy.guard import failsafe
+from labr_autonomy.guard.failsafe import Reaction
+from labr_autonomy.mission import steps
+from labr_autonomy.mission.pilot_io import Look, Order
+from labr_autonomy.mission.steps import Kind, Policy, Status, Step
+from labr_autonomy.modes import decision
+from labr_autonomy.modes.energy import EnergyModel
+from labr_autonomy.modes.transition import Phase
+from labr_autonomy.planner.messages import PlanResult
+from labr_autonomy.types import Mode, Odometry
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """Where robot and mission are."""
+
+    phase: Phase
+    mode: Mode
+    status: Status
+    reaction: Reaction
+    progress: steps.Outputs
+    plan: PlanResult | None  # the newest one of the present step
+
+
+class ModeWish:
+    """Keeps what was wished last, so that a hand-over under way is not turned round by a pause.
+
+    Args:
+        energy: Of land and air.
+
+    Attributes:
+        mode: The last wish.
+    """
+
+    def __init__(self, energy: EnergyModel) -> None:
+        self.mode = Mode.LAND
+        self._energy = energy
+        self._decision = decision.State()
+
+    def step(self, at: Situation, look: Look, now_s: float, events: list[str]) -> Mode:
+        """The mode that is asked for now; `events` gets the reason of a new wish."""
+        step, driving = at.progress.step, at.phase is Phase.DRIVING
+        if at.reaction >= Reaction.LAND or look.order is Order.LAND:
+            return Mode.LAND
+        if step is None:
+            return Mode.LAND if at.status is not Status.HOLDING else at.mode
+        if step.kind is Kind.LAND or step.policy is Policy.GROUND:
+            return Mode.LAND
+        held = look.order is Order.HOLD or at.reaction is Reaction.HOLD
+        late = look.health.ground_age_s > failsafe.GROUND_LATE_S
+        if (held or look.health.estop or late) and at.phase in (Phase.STOPPING, Phase.ARMING):
+            return Mode.LAND  # a take-off that has not left the floor is called off
+        if step.kind is Kind.WAIT or held:
+            return at.mode if at.phase in (Phase.DRIVING, Phase.FLYING) else self.mode
+        if step.policy is Policy.AIR:
+            if driving and not (at.plan and at.plan.take_off_clear):
+                return Mode.LAND
+            share = 1.0 if at.mode is Mode.LAND else 0.5  # come down well inside, then stay down
+            over_goal = not step.in_air and at.progress.distance_m < share * step.accept_m
+            self.mode = Mode.LAND if over_goal else Mode.AIR
+            return self.mode
+        assert look.odometry is not None
+        facts = _facts(at, step, look.odometry)
+        if facts is not None:
+            self._decision, wanted = decision.step(self._decision, facts, self._energy, now_s)
+            if wanted is not facts.mode and wanted is not self.mode:
+                where = f"lift-off {facts.lift_off_m:.1f} m ahead, goal {facts.goal_distance_xy_m:.1f} m off"
+                events.append(f"{wanted.value} wanted: {where}")
+            self.mode = wanted
+        return self.mode
+
+
+def _facts(at: Situation, step: Step, odometry: Odometry) -> decision.Facts | None:
+    """What is decided upon; None where nothing is to be decided."""
+    plan = at.plan
+    if plan is None or at.phase not in (Phase.DRIVING, Phase.FLYING) or step.goal_m is None:
+        return None
+    return decision.Facts(
+        mode=at.mode,
+        goal_in_air=step.in_air,
+        goal_distance_xy_m=float(np.hypot(*(step.goal_m[:2] - odometry.pose.position_m[:2]))),
+        lift_off_m=plan.lift_off_m,
+        land_path_ends=plan.land_path_ends,
+        take_off_clear=plan.take_off_clear,
+        landing_clear=plan.landing_clear,
+        hop=plan.hop,
+    )
