@@ -21,7 +21,7 @@ from labr_autonomy.mission import steps
 from labr_autonomy.mission.following import Following
 from labr_autonomy.mission.mode_wish import ModeWish, Situation
 from labr_autonomy.mission.pilot_io import Actions, Look, Order
-from labr_autonomy.mission.steps import Kind, Status, Step
+from labr_autonomy.mission.steps import Kind, Policy, Status, Step
 from labr_autonomy.modes import transition
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.modes.transition import Command, Phase
