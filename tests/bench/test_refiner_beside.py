@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from labr_autonomy import cli
 from labr_autonomy.config import RobotConfig
-from labr_autonomy.record.mcap_log import FlightLog
+from labr_autonomy.record.flight_log import FlightLog
 from labr_autonomy.refine.planner import Refiner
 from labr_autonomy.refine.values import AirState, LandState
 from labr_autonomy.types import KeyPoints, Source

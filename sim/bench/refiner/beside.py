@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from labr_autonomy.errors import BadInput, ExitCode, Refused
-from labr_autonomy.record.mcap_log import read_log
+from labr_autonomy.record.mcap_reader import read_log
 from sim.bench.links.rows import load_now
 
 LOG = "flight.mcap"
