@@ -73,8 +73,8 @@ def _scan(
             else:
                 kinds[v, u] = FLOOR
                 floors[v, u] = top
-                if gone >= ADVANCE_M:
-                    at, height = run, top
+                if gone >= ADVANCE_M:  # noise puts the farthest lowest: the noisier, the less it counts
+                    at, height = run, expected + (top - expected) * BASE_M / (BASE_M + noise)
                 if run - from_at >= SLOPE_OVER_M:
                     seen = min(max((top - from_height) / (run - from_at), -SLOPE_MAX), SLOPE_MAX)
                     slope += SETTLE * (seen - slope)

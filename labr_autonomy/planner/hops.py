@@ -27,8 +27,8 @@ from labr_autonomy.types import Array, Mode
 
 REFUSED_M = 0.8  # a place where it could not land after all, and so much around it
 ABOVE_S = 2.0  # so long it may stay above the place where it is to land
-ROUND = 3.0  # times the straight way, in weighted metres (2 where nothing was seen), is a long way round ...
-MORE_M, MORE_MPS = 2.0, 0.5  # ... beyond so much, which rises with each second of flight
+ROUND = 2.0  # times the straight way, in weighted metres (2 where nothing was seen), is a long way round ...
+MORE_M, MORE_MPS = 2.0, 0.25  # ... beyond so much, which rises with each second of flight
 SAME_M = 0.3  # ends nearer to each other than this are one
 SETTLE_M = 0.3  # flying on must save more than so many metres of flight
 UNKNOWN_COST = 4.0  # of a hop's metres where nothing was seen: it is not flown on a guess
