@@ -68,6 +68,7 @@ class Pilot:
         self._wish = ModeWish(EnergyModel.of(config))
         self._floor_z_m: float | None = None
         self._refused = 0
+        self._battery_left = 1.0
         self._started_s: float | None = None
         self._now_s = self._before_s = 0.0
         self._commanded_land = False
@@ -151,7 +152,7 @@ class Pilot:
         if self._started_s is None:
             self._started_s = self._before_s = now_s
             self.steps = replace(self.steps, entered_s=now_s)
-        before = self.failsafe
+        before, self._battery_left = self.failsafe, look.health.battery_left
         self.failsafe = failsafe.step(self.failsafe, look.health, now_s)
         if self.failsafe.reaction is not before.reaction and self.failsafe.sentence:
             events.append(f"{self.failsafe.reaction.name.lower()}: {self.failsafe.sentence}")
@@ -364,6 +365,7 @@ class Pilot:
             floor_z_m=self.floor_z_m,
             lift_to_m=self.lift_to_m(step),
             fresh=self._following.course.wants_fresh(),
+            may_hop=self._wish.may_hop(step, self._spare_j),
         )
 
     def accept(self, result: PlanResult, now_s: float) -> None:
@@ -372,6 +374,11 @@ class Pilot:
         self._following.take(result, self.planning_mode, now_s)
 
     # ------------------------------------------------------------------ small things
+    @property
+    def _spare_j(self) -> float:
+        """In the battery, above the reserve."""
+        return (self._battery_left - self._config.energy.reserve) * self._config.energy.pack_j
+
     @property
     def _drive_z_m(self) -> float:
         return self.floor_z_m + self._config.body.below_m

@@ -18,7 +18,7 @@ from labr_autonomy.perception import driving_kernels as kernels
 from labr_autonomy.perception.driving_kernels import CELL_M, HIGHEST, LOWEST, MISS, NO_FLOOR, OCCUPIED, STEP_M
 from labr_autonomy.perception.fields import Field2
 from labr_autonomy.perception.footing import Footing, footing
-from labr_autonomy.perception.moving import Moving
+from labr_autonomy.perception.moving import SURELY_FREE, Moving
 from labr_autonomy.perception.raycast import apply
 from labr_autonomy.perception.shift import moved
 from labr_autonomy.types import Array
@@ -160,6 +160,12 @@ class DrivingLayer:
         """Distance to what was seen to hinder the driving body, over the whole square: for searches."""
         occupied, known = self._cells(np.s_[:, :])
         return Field2.from_points(occupied, known, self.spots, self.origin_m, CELL_M)
+
+    def surely_free(self) -> NDArray[np.bool_]:
+        """Pairs of cells, as in `seen().coarser()`, that were looked through again and again, (n/2, n/2)."""
+        n = self.odds.shape[0] // 2
+        most = self.odds[: 2 * n, : 2 * n].reshape(n, 2, n, 2).max(axis=(1, 3))
+        return np.asarray(most <= SURELY_FREE)
 
     def room(self, place_m: Array, half_m: float) -> Field2:
         """The same near a place (2|3,), where nothing counts as free that was not seen: for trajectories.

@@ -63,9 +63,10 @@ def _scan(
             top = eye[2] + z * dz
             gone = run - at
             expected = height + slope * max(gone, 0.0)
-            slack = min(BASE_M + BEND * max(gone, 0.0), LOOSE_M) + 2.0 * sigma_1 * z * z * abs(dz)
+            noise = 3.0 * sigma_1 * z * z * abs(dz)  # of heights: large for rays that fall steeply
+            slack = min(BASE_M + BEND * max(gone, 0.0), LOOSE_M) + noise
             floors[v, u] = expected
-            if top > expected + slack or (gone < ADVANCE_M and top > height + BASE_M):
+            if top > expected + slack or (gone < ADVANCE_M and top > height + BASE_M + noise):
                 kinds[v, u] = STANDS
             elif top < expected - slack:
                 kinds[v, u] = BELOW

@@ -32,6 +32,7 @@ FLOOR_BAND_M = 0.06  # lower than this above the floor nothing is in the way of 
 ON_WHEELS_M = 0.05  # no higher than this above its driving height, the robot is as inclined as the floor
 BELOW_FLOOR_CELLS = 2
 WALL_FROM_M = 0.8  # above the floor; what stands so high is taken to go on where nothing was seen
+WALL_TO_M = 1.7  # and this high at most: lintels and ceilings say nothing of the floor
 HEADROOM_M = 0.6  # above the body origin, kept inside the box
 LAYER_OVERLAP_M = 0.02  # a layer counts for a height range when it overlaps it by more than this
 LAND_HEADROOM_M = 0.05  # added to the robot's height when it drives under something
@@ -254,6 +255,14 @@ class RollingMap:
         low, high = self._layers(z_from_m, z_to_m)
         occupied, known = columns(self.log_odds, low, high, OCCUPIED)
         return Field2.from_occupied(occupied, known, self.origin_m[:2], self.cell_m)
+
+    def walls(self) -> Array:
+        """Middles (k, 2) odom of the columns in which something as high as a wall was seen."""
+        self._require_place()
+        low, high = self._layers(self.floor_z_m + WALL_FROM_M, self.floor_z_m + WALL_TO_M)
+        cells = np.argwhere(columns(self.log_odds, low, high, OCCUPIED)[0])
+        out: Array = np.add(self._corner[:2] + 0.5, cells, dtype=np.float64) * self.cell_m
+        return out
 
     def air_field(
         self, centre_m: Array, half_m: tuple[float, float] = (3.0, 3.0), *, floor: bool = True

@@ -12,11 +12,12 @@ from labr_autonomy.frames import wrap_pi, yaw_of
 from labr_autonomy.modes.decision import lift_off_distance_m
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.perception.driving_kernels import CELL_M
-from labr_autonomy.perception.fields import Field2, Field3
+from labr_autonomy.perception.fields import Bits, Field2, Field3
 from labr_autonomy.perception.memory import Memory
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
 from labr_autonomy.planner.first_stage import GOAL_JOIN_M, FirstStage
+from labr_autonomy.planner.hops import Hops
 from labr_autonomy.planner.kept_ways import KeptWays
 from labr_autonomy.planner.messages import PlanRequest, PlanResult, Timings
 from labr_autonomy.planner.places import AT_END_M, column_clear, column_m, column_radius_m
@@ -65,6 +66,7 @@ class Pipeline:
         self._land_ways, self._air_ways = KeptWays(), KeptWays()
         self._way_out = WayOut()
         self._memory = Memory(2.0 * CELL_M) if memory else None
+        self._hops = Hops(config, self._map, self._refiner.air_hard_m)
         self._begins = True
         self._seen = -1
         self._drawn_s = -math.inf
@@ -87,6 +89,8 @@ class Pipeline:
             self._map.assume_free(request.body_pose, RING_M)
         if request.fresh:
             self._way_out.reset()
+            if request.mode is Mode.LAND:
+                self._hops.reset()
         self._begins = False
         ways = self._ways_on_land(request)
         asked_s = now()
@@ -96,10 +100,11 @@ class Pipeline:
         if request.mode is Mode.LAND:
             followed, refined, routed_s, why = self._drive(request, network, ways, room_above)
         else:
-            followed, refined, routed_s, why = self._fly(request, network)
+            followed, refined, routed_s, why = self._fly(request, network, ways)
         done_s = now()
         self._previous = refined.trajectory
-        hop = request.mode is Mode.LAND and self._way_out.hops
+        planned = request.mode is Mode.LAND and self._hops.planned(ways, request.body_pose.position_m)
+        at_once = request.mode is Mode.LAND and (self._way_out.hops or self._hops.must)
         return PlanResult(
             sequence=request.sequence,
             frame_stamp_s=frame.stamp_s if frame is not None else math.nan,
@@ -109,11 +114,11 @@ class Pipeline:
             source=refined.source,
             clearance_m=refined.clearance_m,
             reason="; ".join(part for part in (why, refined.reason) if part),
-            lift_off_m=self._lift_off_m(request, network, ways),
-            land_path_ends=hop or self._land_path_ends(request, ways),
+            lift_off_m=self._lift_off_m(request, network, ways, planned),
+            land_path_ends=at_once or self._land_path_ends(request, ways, planned),
             take_off_clear=room_above,
             landing_clear=self._may_land(request, ways),
-            hop=hop,
+            hop=planned or at_once,
             stuck=request.mode is Mode.LAND and self._way_out.given_up,
             timings=Timings(
                 mapped_s - began_s,
@@ -134,15 +139,29 @@ class Pipeline:
         def search() -> CostToGo:
             self._seen_field = self._map.land_field(request.body_pose, request.floor_z_m)
             if self._memory is not None:
-                self._memory.remember(self._seen_field.coarser(), request.body_pose.position_m)
-            return self._ways(request, None, ())
+                place_m = request.body_pose.position_m
+                sure = self._map.driving.surely_free()
+                self._memory.remember(self._seen_field.coarser(), place_m, self._map.walls(), sure)
+            ways = self._ways(request, None, ())
+            if request.goal_in_air or request.mode is Mode.AIR:
+                return ways
+            return self._hops.on_land(request, self._plan(goal)[0], ways, hopping)
 
-        return self._land_ways.of((float(goal[0]), float(goal[1])), request.start_s, search)
+        def hopping(offers: Array) -> CostToGo:
+            return self._ways(request, None, (), offers)
 
-    def _ways(self, request: PlanRequest, tight_m: float | None, closed: tuple[Array, ...]) -> CostToGo:
+        asked = float(goal[0]), float(goal[1]), float(request.mode is Mode.AIR)
+        return self._land_ways.of(asked, request.start_s, search)
+
+    def _ways(
+        self,
+        request: PlanRequest,
+        tight_m: float | None,
+        closed: tuple[Array, ...],
+        offers: Array | None = None,
+    ) -> CostToGo:
         goal, hard_m = request.goal_m, self._refiner.land_hard_m
-        plan = self._seen_field.coarser() if self._memory is None else self._memory.plan(goal)
-        offers = None
+        plan, likely = self._plan(goal)
         if request.goal_in_air and self._seen_field.contains(goal[None, :2])[0]:
             air = self._ways_in_air(request, goal, float(goal[2]))
             offers = offers_by_air(plan, air, *self._take_off_column(request), goal, self._energy)
@@ -154,8 +173,13 @@ class Pipeline:
             roomy_m=hard_m + ROUTE_MARGIN_M,
             tight_m=tight_m,
             closed=closed,
+            likely=likely,
             offers=offers,
         )
+
+    def _plan(self, goal_m: Array) -> tuple[Field2, Bits | None]:
+        """What searches on land go by, and where it is likely solid though unknown."""
+        return (self._seen_field.coarser(), None) if self._memory is None else self._memory.plan(goal_m)
 
     def _take_off_column(self, request: PlanRequest) -> tuple[Field2, float]:
         """What stands in the way of take-offs, and the free radius that they need at a cell's middle."""
@@ -174,18 +198,18 @@ class Pipeline:
         level = round(floor_m / self._map.cell_m)
         return self._air_ways.of((float(goal_m[0]), float(goal_m[1]), level), request.start_s, search)
 
-    def _lift_off_m(self, request: PlanRequest, network: KeyPoints, ways: CostToGo) -> float:
+    def _lift_off_m(self, request: PlanRequest, network: KeyPoints, ways: CostToGo, hops: bool) -> float:
         """How far it drives before it leaves the floor: by the network where it leads, else by the map."""
         here = request.body_pose.position_m
         if self._route.source is Source.GKPN:
             return lift_off_distance_m(here, network.points_m, network.air)
-        way = ways.path(here[:2]) if request.goal_in_air else None
+        way = ways.path(here[:2]) if request.goal_in_air or hops else None
         return math.inf if way is None else routes.length_m(way)
 
-    def _land_path_ends(self, request: PlanRequest, ways: CostToGo) -> bool:
+    def _land_path_ends(self, request: PlanRequest, ways: CostToGo, hops: bool) -> bool:
         """Driving on costs more than it saves."""
         here = request.body_pose.position_m[:2]
-        end = ways.end(here) if request.goal_in_air else None
+        end = ways.end(here) if request.goal_in_air or hops else None
         return end is not None and float(np.hypot(*(end - here))) < AT_END_M
 
     def _evidence(
@@ -242,7 +266,7 @@ class Pipeline:
             request,
             ways,
             lambda closed: self._ways(request, TIGHT_M, closed),
-            room_above,
+            room_above and request.may_hop,
         )
         if doing is not None:
             said = "; ".join(part for part in (self._way_out.state.action.value, why) if part)
@@ -278,22 +302,25 @@ class Pipeline:
         )
 
     def _may_land(self, request: PlanRequest, ways: CostToGo) -> bool:
-        """Room to come down here, and, for a goal on land, a way to drive on from here."""
-        if not self._column_clear(request, float(request.body_pose.position_m[2])):
-            return False
-        return request.goal_in_air or math.isfinite(ways.cost_m(request.body_pose.position_m[:2]))
+        """Room to come down here, and, for a goal on land, nothing to gain by flying on."""
+        room = self._column_clear(request, float(request.body_pose.position_m[2]))
+        if request.goal_in_air or request.mode is Mode.LAND:
+            return room
+        return self._hops.may_land(request, ways, room)
 
     # ------------------------------------------------------------------ second stage, in the air
     def _fly(
-        self, request: PlanRequest, network: KeyPoints
+        self, request: PlanRequest, network: KeyPoints, ways: CostToGo
     ) -> tuple[KeyPoints | None, RefineResult, float, str]:
         motion = request.motion
         here = motion.position_m
-        goal = np.array(request.goal_m, dtype=float)
+        goal, over = np.array(request.goal_m, dtype=float), None
         if not request.goal_in_air:
-            goal[2] = here[2]
+            over = self._hops.in_air(request, ways)
+            end = over.end(here[:2])
+            goal = np.array([*(goal[:2] if end is None else end), here[2]])
         space = self._map.air_field(here, FIELD_HALF_M)
-        points, source, why = self._air_points(request, network, goal, space)
+        points, source, why = self._air_points(request, network, goal, space, over)
         routed_s = self._clock.now_s()
         state = AirState(here, motion.velocity_mps, motion.acceleration_mps2, motion.yaw_rad)
         refined = self._refiner.air(
@@ -309,7 +336,7 @@ class Pipeline:
         return followed, refined, routed_s, why
 
     def _air_points(
-        self, request: PlanRequest, network: KeyPoints, goal: Array, space: Field3
+        self, request: PlanRequest, network: KeyPoints, goal: Array, space: Field3, over: CostToGo | None
     ) -> tuple[Array, Source, str]:
         """The network's path while usable, else straight to the goal, else round obstacles at this height."""
         here = request.motion.position_m
@@ -329,11 +356,13 @@ class Pipeline:
 
         evidence = routes.Evidence(network.mu, bearing, free_m(points) + PUSH_M, 0.0, 0.0, 0.0)
         why = "at the goal" if near else routes.objection(evidence)
+        if over is not None:  # the network was asked for the goal, not for where to land
+            why = "to where it lands"
         if not why:
             return points, Source.GKPN, ""
         if near or free_m(goal[None]) >= 0.0:
             return goal[None], Source.DIRECT, why
-        way = self._ways_in_air(request, goal, float(here[2])).path(here[:2])
+        way = (over or self._ways_in_air(request, goal, float(here[2]))).path(here[:2])
         if way is None:
             return here[None], Source.BRAKE, f"{why}; no way at this height"
         keys = to_key_points(way)
@@ -351,8 +380,8 @@ class Pipeline:
         if place is None:
             return None
         hard_m = self._refiner.land_hard_m
-        plan = self._seen_field.coarser() if self._memory is None else self._memory.plan(place)
-        ways = CostToGo(plan, place[:2], hard_m + NARROW_MARGIN_M)
+        plan, likely = self._plan(place)
+        ways = CostToGo(plan, place[:2], hard_m + NARROW_MARGIN_M, likely=likely)
         if math.isfinite(ways.cost_m(request.body_pose.position_m[:2])):
             return ""
         if float(plan.lookup(place[None, :2])[0]) <= hard_m:

@@ -44,7 +44,7 @@ class WayOut:
         return self.state.action is Action.GIVE_UP
 
     def step(
-        self, request: PlanRequest, ways: CostToGo, through: Search, room_above: bool
+        self, request: PlanRequest, ways: CostToGo, through: Search, may_hop: bool
     ) -> Array | float | None:
         """One cycle of a robot on its wheels.
 
@@ -52,7 +52,7 @@ class WayOut:
             request: Of the cycle.
             ways: Ordinary ways on the map.
             through: Makes ways through gaps that are too tight, but for closed places.
-            room_above: Whether a take-off has room here.
+            may_hop: Whether a take-off has room here, and policy and battery allow one.
 
         Returns:
             Places (k, 2) to drive along, a heading to turn to [rad], or None to go on as usual.
@@ -75,7 +75,7 @@ class WayOut:
             tight_way=path is not None,
             gap_m=gap_m,
             trail=len(self._trail) > 2,
-            may_hop=room_above,
+            may_hop=may_hop,
         )
         self.state = recovery.step(self.state, facts, request.start_s)
         match self.state.action:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labr_autonomy.frames import wrap_pi
-from labr_autonomy.perception.fields import Field2
+from labr_autonomy.perception.fields import Bits, Field2
 from labr_autonomy.refine.shortest import costs_from, cut_cost
 from labr_autonomy.types import Array
 
@@ -24,6 +24,7 @@ START_SNAP_M = 0.8
 NEAR_COST, NEAR_M = 1.5, 0.25  # extra cost of a cell at the outline, and its decay with distance
 KEEP_M = 0.05  # distance beyond the radius where the extra cost is full
 ON_CELL = 0.51  # a goal this many cells from a cell's centre lies in it
+LIKELY_COST = 8.0  # factor on unknown cells that are likely solid
 NARROW_COST = 3.0  # factor on cells that are nearer to obstacles than a way likes to be
 TIGHT_COST = 20.0  # factor on cells that are nearer to obstacles than a way should be
 CLOSED_M = 0.35  # round a place through which no way is to lead
@@ -47,6 +48,7 @@ class CostToGo:
         roomy_m: Ways keep this distance where the detour is short: nearer is dearer by `NARROW_COST`.
         tight_m: Ways may come as near as this to obstacles, at `TIGHT_COST`; `radius_m` when left out.
         closed: (k, 2) places that no way leads through, within `CLOSED_M`.
+        likely: (nx, ny) unknown cells that are likely solid: ways past them are dearer by `LIKELY_COST`.
         offers: (nx, ny) what it costs to go on from each cell by other means [m], inf where that cannot be.
             Ways then end where they and the offer together are cheapest, not at the goal.
     """
@@ -62,6 +64,7 @@ class CostToGo:
         roomy_m: float = 0.0,
         tight_m: float | None = None,
         closed: Sequence[Array] = (),
+        likely: Bits | None = None,
         offers: Array | None = None,
     ) -> None:
         self._field = field
@@ -75,6 +78,8 @@ class CostToGo:
         self._price = cell_cost(distance, sure, radius_m, unknown_cost)
         if roomy_m > radius_m:
             self._price = np.where(distance > roomy_m, self._price, NARROW_COST * self._price)
+        if likely is not None:
+            self._price = np.where(_within(likely, radius_m / field.cell_m), LIKELY_COST, 1.0) * self._price
         if tight_m is not None:
             self._price = np.where(distance > radius_m, self._price, TIGHT_COST * self._price)
         ends, costs = self._goal(reach_m) if offers is None else self._offered(offers)
@@ -221,14 +226,14 @@ def search_land(
     return CostToGo(field, goal_xy, radius_m, unknown_cost).path(start_xy)
 
 
-def cell_cost(distance_m: Array, known: NDArray[np.bool_], radius_m: float, unknown_cost: float) -> Array:
+def cell_cost(distance_m: Array, known: Bits, radius_m: float, unknown_cost: float) -> Array:
     """Price of a metre in each cell: 1 far from obstacles, more near them and where nothing was seen."""
     price = 1.0 + NEAR_COST * np.exp(-np.maximum(distance_m - radius_m - KEEP_M, 0.0) / NEAR_M)
     out: Array = price * np.where(known, 1.0, unknown_cost)
     return out
 
 
-def snap(field: Field2, free: NDArray[np.bool_], place: Array, reach_m: float) -> NDArray[np.int64] | None:
+def snap(field: Field2, free: Bits, place: Array, reach_m: float) -> NDArray[np.int64] | None:
     """The free cell nearest to a place, (2,), or None beyond `reach_m`."""
     u = (np.asarray(place, dtype=float) - field.origin_m) / field.cell_m - 0.5
     reach = reach_m / field.cell_m
@@ -243,16 +248,22 @@ def snap(field: Field2, free: NDArray[np.bool_], place: Array, reach_m: float) -
     return near[best] if gap[best] <= reach + math.sqrt(0.5) else None
 
 
-def _surely_known(field: Field2, radius_m: float) -> NDArray[np.bool_]:
+def _surely_known(field: Field2, radius_m: float) -> Bits:
     """Cells whose surroundings within the radius are known, but for gaps between rays."""
     unknown = cv2.morphologyEx((~field.known).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    reach = 2 * round(radius_m / field.cell_m) + 1
-    near = cv2.dilate(unknown, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
-    sure: NDArray[np.bool_] = field.known & (near == 0)
+    sure: Bits = field.known & ~_within(unknown > 0, radius_m / field.cell_m)
     return sure
 
 
-def _shut(free: NDArray[np.bool_], at: Array, radius: float) -> None:
+def _within(cells: Bits, radius: float) -> Bits:
+    """Cells whose middle is within a radius [cells] of one of some cells."""
+    reach = 2 * round(radius) + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
+    near: Bits = cv2.dilate(cells.astype(np.uint8), disc) > 0
+    return near
+
+
+def _shut(free: Bits, at: Array, radius: float) -> None:
     """Take a disc of cells out of the free ones."""
     low = np.clip(np.floor(at - radius).astype(int), 0, free.shape)
     high = np.clip(np.ceil(at + radius).astype(int) + 1, 0, free.shape)
@@ -260,7 +271,7 @@ def _shut(free: NDArray[np.bool_], at: Array, radius: float) -> None:
     free[low[0] : high[0], low[1] : high[1]] &= (i - at[0]) ** 2 + (j - at[1]) ** 2 > radius**2
 
 
-def straightened(cells: NDArray[np.int64], free: NDArray[np.bool_], cost: Array) -> NDArray[np.int64]:
+def straightened(cells: NDArray[np.int64], free: Bits, cost: Array) -> NDArray[np.int64]:
     """Corners only: straight cuts that stay free and cost no more than what they replace."""
     spans = np.hypot(*np.diff(cells, axis=0).T)
     price = cost[tuple(cells.T)]

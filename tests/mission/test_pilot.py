@@ -212,6 +212,23 @@ def test_a_ground_policy_never_takes_off():
     assert robot.pilot.steps.status is Status.FAILED
 
 
+@pytest.mark.parametrize(
+    ("policy", "left", "may"),
+    [
+        (Policy.AUTO, 0.9, True),
+        (Policy.GROUND, 0.9, False),
+        (Policy.AUTO, CONFIG.energy.reserve + 0.01, False),
+    ],
+    ids=["allowed", "a ground policy", "the battery is near its reserve"],
+)
+def test_the_planner_is_told_whether_it_may_hop(policy, left, may):
+    robot = Robot(Step(Kind.GOTO, "far", np.array([5.0, 0.0, 0.0]), policy=policy))
+    robot.health = {"battery_left": left}
+    robot.run(1)
+    odometry = robot.look().odometry
+    assert robot.pilot.request(1, 1, odometry.pose, odometry, robot.now_s).may_hop is may
+
+
 def test_arming_refused_three_times_fails_the_mission():
     robot = Robot(AIR_GOAL)
     robot.refuse_arming = True

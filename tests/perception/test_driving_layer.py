@@ -24,7 +24,8 @@ from floor_scenes import (
 
 from labr_autonomy.frames import quaternion_from_rpy, rotation_matrix
 from labr_autonomy.perception.ground import BELOW, FLOOR, STANDS, scan
-from labr_autonomy.types import Pose
+from labr_autonomy.perception.rolling_map import RollingMap
+from labr_autonomy.types import DepthFrame, Pose
 
 
 def test_an_even_floor_is_free_as_far_as_it_is_seen():
@@ -124,6 +125,19 @@ def test_the_floor_about_a_robot_that_was_put_down_is_taken_for_free():
     assert clear(before, 0.0) == pytest.approx(0.3, abs=0.05)
     assert clear(after, -0.05) == pytest.approx(0.45, abs=0.05)
     assert clear(after, 0.48) < 0.05  # but not what was seen to stand there
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.06])
+def test_a_floor_seen_from_the_air_is_no_obstacle_and_what_stands_on_it_is(pitch):
+    rng, grid = np.random.default_rng(3), RollingMap(CONFIG)
+    at = Pose(np.array([0.0, 0.0, 1.3]), quaternion_from_rpy(0.0, pitch, 0.0))
+    crate = box([4.0, -0.5, 0.0], [4.5, 0.5, 0.4])
+    for k in range(20):
+        grid.update(DepthFrame(k, 0.1 * k, seen([LEVEL, crate], at, rng), OPTICS), at, 0.0)
+    field = grid.land_field(at, 0.0)
+    places = np.array([[x, y] for x in np.arange(2.2, 3.4, 0.1) for y in np.arange(-0.8, 0.9, 0.1)])
+    assert (field.lookup(places) > 0.3).all()
+    assert field.lookup(np.array([[4.05, 0.0]]))[0] < 0.1
 
 
 def test_gaps_between_rays_are_not_taken_for_obstacles():

@@ -186,6 +186,18 @@ def test_a_way_that_begins_well_is_free_and_dearer_than_the_cheapest_by_no_more_
         assert 0.1 * priced(way, field, price) < 1.05 * ways.cost_m(start) + 0.53 * 2.0 * math.pi
 
 
+def test_a_way_does_not_lead_where_it_is_likely_solid_while_there_is_another_but_else_it_does():
+    field = boxes2([(4.0, 0.0, 4.2, 7.0)], unknown=[(4.2, 0.0, 10.0, 10.0)])
+    likely = np.zeros(field.known.shape, bool)
+    likely[60, :] = True
+    start, goal = np.array([5.0, 3.0]), np.array([8.0, 3.0])
+    behind = CostToGo(field, goal, 0.36, likely=likely)
+    assert math.isfinite(behind.cost_m(start))
+    likely[60, 50:] = False
+    assert CostToGo(field, goal, 0.36, likely=likely).path(start)[:, 1].max() > 5.2
+    assert CostToGo(field, goal, 0.36).path(start)[:, 1].max() < 3.5
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_ways_end_where_they_and_the_offer_together_are_cheapest(seed):
     rng = np.random.default_rng(seed)

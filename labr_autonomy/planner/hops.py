@@ -1,0 +1,232 @@
+"""When to fly over what is in the way of a goal on land: drive, flight and drive, cheapest together.
+
+The layers of the two-layer search are the driving plan and a slice of the map at the height of flight; going
+from one to the other costs a take-off and a landing. It is searched only where the way on land is so long
+that a hop could pay at all (`EnergyModel.detour_worth_flying_m`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from labr_autonomy.config import RobotConfig
+from labr_autonomy.modes.energy import EnergyModel
+from labr_autonomy.perception.fields import Bits, Field2
+from labr_autonomy.perception.rolling_map import RollingMap
+from labr_autonomy.planner import routes
+from labr_autonomy.planner.kept_ways import KeptWays
+from labr_autonomy.planner.messages import PlanRequest
+from labr_autonomy.planner.places import AT_END_M, column_m, column_radius_m
+from labr_autonomy.planner.take_off import offers_by_air
+from labr_autonomy.refine.search import CostToGo
+from labr_autonomy.types import Array, Mode
+
+REFUSED_M = 0.8  # a place where it could not land after all, and so much around it
+ABOVE_S = 2.0  # so long it may stay above the place where it is to land
+ROUND = 3.0  # times the straight way, in weighted metres (2 where nothing was seen), is a long way round ...
+MORE_M, MORE_MPS = 2.0, 0.5  # ... beyond so much, which rises with each second of flight
+SAME_M = 0.3  # ends nearer to each other than this are one
+SETTLE_M = 0.3  # flying on must save more than so many metres of flight
+UNKNOWN_COST = 4.0  # of a hop's metres where nothing was seen: it is not flown on a guess
+UNDER_M = 0.1  # so far below the body the slice of a flight begins
+
+Again = Callable[[Array], CostToGo]
+
+
+@dataclass(slots=True)
+class Vain:
+    """Metres driven in vain: they brought the robot no nearer, or farther off by the map's own count.
+
+    Along a fence whose end nobody has seen, the next gap always looks near while the way grows with each
+    metre. Once a hop's worth is lost like this it hops: so it never loses much more than that (as in the
+    problem of renting or buying skis: Karlin et al., "Competitive snoopy caching", 1988).
+    """
+
+    lost_m: float = 0.0
+    _place_m: Array | None = None
+    _left_m: float = math.inf
+
+    def step(self, place_m: Array, left_m: float) -> float:
+        """Count on, and return what is lost.
+
+        Args:
+            place_m: (2,) the robot, odom.
+            left_m: Length of the way from there to the goal.
+        """
+        if self._place_m is not None and math.isfinite(self._left_m):
+            moved_m = float(np.hypot(*(place_m - self._place_m)))
+            grown_m = moved_m + left_m - self._left_m
+            self.lost_m += min(max(grown_m, 0.0), 2.0 * moved_m)  # a way found closed was not yet driven
+        self._place_m, self._left_m = place_m.copy(), left_m
+        return self.lost_m
+
+
+def dearness(land: CostToGo, here_m: Array) -> float:
+    """Cost of the way on land over its length: what is narrow or unknown counts more than its metres.
+
+    A flight's metres are made as much dearer, so that it is joules that decide and not what was not seen.
+    """
+    way = land.path(here_m[:2])
+    length_m = 0.0 if way is None else routes.length_m(way)
+    return max(1.0, land.cost_m(here_m[:2]) / length_m) if length_m > 0.0 else 1.0
+
+
+class Hops:
+    """The search, and what it remembers between cycles.
+
+    Args:
+        config: Outline and clearances.
+        seen: The rolling map.
+        air_hard_m: Least distance of a flight to obstacles.
+    """
+
+    def __init__(self, config: RobotConfig, seen: RollingMap, air_hard_m: float) -> None:
+        self._map, self._air_hard_m = seen, air_hard_m
+        self._config, self._energy = config, EnergyModel.of(config)
+        self._radius_m = column_radius_m(config) + seen.cell_m * math.sqrt(0.5)
+        self._end: Array | None = None  # where a drive without a hop would end, if hops are looked for
+        self._refused: list[Array] = []  # places where it could not land
+        self._above_s: float | None = None  # since when it has been above the place where it is to land
+        self._landings = KeptWays()
+        self._vain = Vain()
+        self.must = False  # so much was driven in vain that it is to take off wherever it can
+        self._aloft_s: float | None = None  # since when it flies
+
+    def reset(self) -> None:
+        """Another goal: forget what was planned and where it could not land."""
+        self._end, self._refused, self._above_s, self._vain = None, [], None, Vain()
+        self._aloft_s, self.must = None, False
+
+    def planned(self, ways: CostToGo, here_m: Array) -> bool:
+        """Whether the way from here takes off at its end."""
+        goal, end = self._end, ways.end(here_m[:2])
+        return goal is not None and end is not None and float(np.hypot(*(end - goal))) > SAME_M
+
+    def on_land(self, request: PlanRequest, plan: Field2, land: CostToGo, again: Again) -> CostToGo:
+        """Ways to a goal on land that may end where a hop begins.
+
+        Args:
+            request: Of the cycle.
+            plan: The driving plan.
+            land: Ways that only drive.
+            again: Makes ways that end wherever driving and an offer [m of driving] are cheapest together.
+        """
+        here, self._end = request.body_pose.position_m, None
+        way, end = land.path(here[:2]), land.end(here[:2])
+        if way is None or end is None or not request.may_hop:
+            return land
+        left_m = routes.length_m(way)
+        lost_m = self._vain.step(here[:2], left_m)
+        hop_m = self._energy.detour_worth_flying_m(0.0, 0.0)
+        self.must = lost_m >= hop_m
+        if self.must:
+            return land
+        if left_m <= float(np.hypot(*(request.goal_m[:2] - here[:2]))) + hop_m:
+            return land  # no hop is so cheap
+        dear = dearness(land, here)
+        air = self._to_landings(request, land, request.lift_to_m, dear)
+        column = self._column(request, request.lift_to_m)
+        offers = offers_by_air(plan, air, column, self._radius_m, here, self._energy)
+        offers = dear * (offers + hop_m)
+        cell = np.floor((end - plan.origin_m) / plan.cell_m).astype(int)
+        offers[cell[0], cell[1]] = 0.0
+        self._end = end
+        return again(offers)
+
+    def in_air(self, request: PlanRequest, land: CostToGo) -> CostToGo:
+        """Ways at the present height to where landing and driving on are cheapest, kept for a while."""
+        here, goal = request.body_pose.position_m, request.goal_m
+        level = round(float(here[2]) / self._map.cell_m)
+        asked = (float(goal[0]), float(goal[1]), float(level), float(len(self._refused)))
+        return self._landings.of(
+            asked,
+            request.start_s,
+            lambda: self._to_landings(request, land, float(here[2]), dearness(land, here)),
+        )
+
+    def may_land(self, request: PlanRequest, land: CostToGo, room: bool) -> bool:
+        """Whether to come down here: there is room, and driving from here is no dearer than flying on.
+
+        A place above which it stays for `ABOVE_S` without may is refused: the next best is flown to.
+        """
+        here = request.body_pose.position_m[:2]
+        air = self.in_air(request, land)
+        worth = dearness(land, here) * self._energy.air_j(1.0) / self._energy.land_j(1.0)
+        drive_m, on_m = land.cost_m(here), air.cost_m(here)
+        crossed = bool(self._crossed(request, land, here[None])[0])
+        may = room and crossed and math.isfinite(drive_m) and not drive_m > worth * (on_m + SETTLE_M)
+        end = air.end(here)
+        if may or end is None or float(np.hypot(*(end - here))) > AT_END_M:
+            self._above_s = None
+        elif self._above_s is None:
+            self._above_s = request.start_s
+        elif request.start_s - self._above_s > ABOVE_S:
+            self._refused, self._above_s = [*self._refused, end], None
+        return may
+
+    def _crossed(self, request: PlanRequest, land: CostToGo, places_m: Array) -> Bits:
+        """Places (n, 2) from which the goal is no long way round any more.
+
+        What a map shows as a gap from above must not bring it down on the side that it came from; the longer
+        it flies, the less it insists.
+        """
+        self._aloft_s = request.start_s if self._aloft_s is None else self._aloft_s
+        more_m = MORE_M + MORE_MPS * (request.start_s - self._aloft_s)
+        straight_m = np.hypot(*(places_m - request.goal_m[:2]).T)
+        out: Bits = land.costs_at(places_m) <= ROUND * straight_m + more_m
+        return out
+
+    def _to_landings(self, request: PlanRequest, land: CostToGo, height_m: float, dear: float) -> CostToGo:
+        body = self._config.body
+        layer = self._map.slice_field(request.body_pose, height_m - body.below_m - UNDER_M)
+        column = self._column(request, height_m)
+        offers = landing_offers(layer, land, column, self._radius_m, dear, self._energy, self._refused)
+        if request.mode is Mode.AIR:
+            offers[~self._crossed(request, land, centres(layer)).reshape(offers.shape)] = np.inf
+        return CostToGo(layer, request.goal_m[:2], self._air_hard_m, UNKNOWN_COST, offers=offers)
+
+    def _column(self, request: PlanRequest, up_to_m: float) -> Field2:
+        return self._map.column_field(*column_m(self._config, request, up_to_m))
+
+
+def landing_offers(
+    layer: Field2,
+    land: CostToGo,
+    column: Field2,
+    radius_m: float,
+    dear: float,
+    energy: EnergyModel,
+    refused: Sequence[Array] = (),
+) -> Array:
+    """What it costs to drive on from each cell of a layer of flight, (nx, ny) [m of flying].
+
+    Args:
+        layer: The slice at the height of flight.
+        land: Ways on land to the goal.
+        column: Distance to what stands between the floor and the height of flight.
+        radius_m: Free radius that a landing needs.
+        dear: By so much a flight's metres are dearer; `dearness`.
+        energy: What a metre costs in each mode.
+        refused: (2,) places where it could not land.
+
+    Returns:
+        inf where it could not land or not drive on.
+    """
+    middles = centres(layer)
+    fits = column.lookup(middles) > radius_m
+    for place in refused:
+        fits &= np.hypot(*(middles - place[:2]).T) > REFUSED_M
+    worth = dear * energy.air_j(1.0) / energy.land_j(1.0)
+    out: Array = np.where(fits, land.costs_at(middles) / worth, np.inf).reshape(layer.distance_m.shape)
+    return out
+
+
+def centres(field: Field2) -> Array:
+    """Middles (nx * ny, 2) of a plan's cells, odom."""
+    i, j = np.indices(field.distance_m.shape)
+    out: Array = field.origin_m + (np.stack([i.ravel(), j.ravel()], axis=1) + 0.5) * field.cell_m
+    return out
