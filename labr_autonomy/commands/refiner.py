@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import math
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from labr_autonomy.commands.checks import json_option
-from labr_autonomy.errors import ExitCode
+from labr_autonomy.errors import BadInput, ExitCode
 
 if TYPE_CHECKING:
     from sim.bench.refiner.problems import Tally
 
 MODES = ("land", "air")
+_COMMAND_LINE = click.core.ParameterSource.COMMANDLINE
 
 
 @click.command()
@@ -24,17 +26,35 @@ MODES = ("land", "air")
 )
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="Of the first ten; others follow.")
 @click.option("--jobs", type=click.IntRange(1, 1024), metavar="J", help="At once (default: cores).")
+@click.option(
+    "--beside-flight",
+    "flown",
+    type=click.Path(path_type=Path, exists=True),
+    metavar="MISSION.yaml|RUN",
+    help="Instead: fly it in real time, or take a run, and tell how long the planner process refined.",
+)
 @json_option
-def refiner(problems: int, seed: int, jobs: int | None, as_json: bool) -> None:
+@click.pass_context
+def refiner(
+    context: click.Context, problems: int, seed: int, jobs: int | None, flown: Path | None, as_json: bool
+) -> None:
     """Give the refiner random problems and judge every trajectory that leaves it.
 
     Boxes, posts and unknown floor in a walled square, key points through all of it, things that appear
     ahead; each problem begins where the last trajectory led. A trajectory may not touch anything, come
     nearer than the clearance promised, break a limit or end in motion. Ends with 4 if one does. Ctrl-C
     tells the figures so far.
+
+    --beside-flight times the refiner where it counts: in the planner process, next to everything else.
     """
     from labr_autonomy.record.summary import versions
 
+    if flown is not None:
+        given = [n for n in ("problems", "seed", "jobs") if context.get_parameter_source(n) is _COMMAND_LINE]
+        if given:
+            raise BadInput(f"--{given[0]} is of random problems, not of a flight", f"Leave --{given[0]} out")
+        _beside(flown, as_json=as_json)
+        return
     tallies, stopped = _solve(problems, seed, jobs or len(os.sched_getaffinity(0)), quiet=as_json)
     rows = [_row(mode, tally) for mode, tally in tallies.items()]
     answer = {
@@ -49,6 +69,33 @@ def refiner(problems: int, seed: int, jobs: int | None, as_json: bool) -> None:
         click.get_current_context().exit(int(ExitCode.ABORTED))
     if any(row["faults"] for row in rows):
         click.get_current_context().exit(int(ExitCode.EXPECTATION_MISSED))
+
+
+def _beside(flown: Path, *, as_json: bool) -> None:
+    """Times of the refiner in the planner process of a flight, and under which load."""
+    from labr_autonomy.record.run_folder import make_run_folder
+    from labr_autonomy.record.summary import versions
+    from sim.bench.refiner.beside import fly, rows
+
+    run, load = flown, None
+    if flown.is_file():
+        run, load = fly(flown, make_run_folder("bench-refiner"), quiet=as_json)
+    found = rows(run)
+    if as_json:
+        command = f"labr-mission bench refiner --beside-flight {flown}"
+        click.echo(json.dumps({"command": command, "versions": versions(), "load": load, "rows": found}))
+        return
+    for row in found:
+        p50, p99, most = row["time_ms"].values()
+        click.echo(
+            f"{row['mode']:5s} {row['plans']} plans: p50 {p50:.1f} ms, p99 {p99:.1f} ms, max {most:.1f} ms"
+        )
+    if load is not None:
+        click.echo(
+            f"load {load['before']:.1f} before, {load['after']:.1f} after with the flight's own processes, "
+            f"on {load['cores']} cores; the flight ended with {load['fly_exit']}"
+        )
+    click.echo(f"The flight is in {run}")
 
 
 def _solve(problems: int, seed: int, jobs: int, *, quiet: bool) -> tuple[dict[str, Tally], bool]:

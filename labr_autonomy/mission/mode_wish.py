@@ -17,8 +17,6 @@ from labr_autonomy.modes.transition import Phase
 from labr_autonomy.planner.messages import PlanResult
 from labr_autonomy.types import Mode, Odometry
 
-HOP_M = 10.0  # of flight that a hop over something must have joules for
-
 
 @dataclass(frozen=True, slots=True)
 class Situation:
@@ -78,11 +76,6 @@ class ModeWish:
                 events.append(f"{wanted.value} wanted: {where}")
             self.mode = wanted
         return self.mode
-
-    def may_hop(self, step: Step | None, spare_j: float) -> bool:
-        """Whether policy and battery allow flying over what is in the way of a goal on land."""
-        allowed = step is None or step.policy is not Policy.GROUND
-        return allowed and spare_j > self._energy.transition_j() + self._energy.air_j(HOP_M)
 
 
 def _facts(at: Situation, step: Step, odometry: Odometry) -> decision.Facts | None:

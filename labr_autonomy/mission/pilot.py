@@ -21,7 +21,7 @@ from labr_autonomy.mission import steps
 from labr_autonomy.mission.following import Following
 from labr_autonomy.mission.mode_wish import ModeWish, Situation
 from labr_autonomy.mission.pilot_io import Actions, Look, Order
-from labr_autonomy.mission.steps import Kind, Status, Step
+from labr_autonomy.mission.steps import Kind, Policy, Status, Step
 from labr_autonomy.modes import transition
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.modes.transition import Command, Phase
@@ -36,6 +36,7 @@ DESCEND_MPS = 0.4
 STOPPED_MPS = 0.03
 STOPPED_RPS = 0.1
 FLOOR_GAIN = 0.2  # a tick; slower ones lag by decimetres on a ramp, quicker ones take jolts for floor
+HOP_M = 10.0  # of flight that a hop over something must have joules for
 TAKE_OFFS_MAX = 3  # refused that often, the mission has failed
 
 
@@ -65,7 +66,8 @@ class Pilot:
         self.transition = transition.State()
         self.failsafe = failsafe.State()
         self._facts: PlanResult | None = None
-        self._wish = ModeWish(EnergyModel.of(config))
+        self._energy = EnergyModel.of(config)
+        self._wish = ModeWish(self._energy)
         self._floor_z_m: float | None = None
         self._refused = 0
         self._battery_left = 1.0
@@ -365,8 +367,14 @@ class Pilot:
             floor_z_m=self.floor_z_m,
             lift_to_m=self.lift_to_m(step),
             fresh=self._following.course.wants_fresh(),
-            may_hop=self._wish.may_hop(step, self._spare_j),
+            may_hop=self._may_hop(step),
         )
+
+    def _may_hop(self, step: Step | None) -> bool:
+        """Whether policy and battery allow flying over what is in the way of a goal on land."""
+        energy, allowed = self._energy, step is None or step.policy is not Policy.GROUND
+        spare_j = (self._battery_left - self._config.energy.reserve) * self._config.energy.pack_j
+        return allowed and spare_j > energy.transition_j() + energy.air_j(HOP_M)
 
     def accept(self, result: PlanResult, now_s: float) -> None:
         """Take over a plan that came back, unless it came too late or nothing is to be followed."""
@@ -374,11 +382,6 @@ class Pilot:
         self._following.take(result, self.planning_mode, now_s)
 
     # ------------------------------------------------------------------ small things
-    @property
-    def _spare_j(self) -> float:
-        """In the battery, above the reserve."""
-        return (self._battery_left - self._config.energy.reserve) * self._config.energy.pack_j
-
     @property
     def _drive_z_m(self) -> float:
         return self.floor_z_m + self._config.body.below_m

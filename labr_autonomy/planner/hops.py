@@ -20,7 +20,7 @@ from labr_autonomy.perception.rolling_map import RollingMap
 from labr_autonomy.planner import routes
 from labr_autonomy.planner.kept_ways import KeptWays
 from labr_autonomy.planner.messages import PlanRequest
-from labr_autonomy.planner.places import AT_END_M, column_m, column_radius_m
+from labr_autonomy.planner.places import AT_END_M, column_field
 from labr_autonomy.planner.take_off import offers_by_air
 from labr_autonomy.refine.search import CostToGo
 from labr_autonomy.types import Array, Mode
@@ -87,7 +87,6 @@ class Hops:
     def __init__(self, config: RobotConfig, seen: RollingMap, air_hard_m: float) -> None:
         self._map, self._air_hard_m = seen, air_hard_m
         self._config, self._energy = config, EnergyModel.of(config)
-        self._radius_m = column_radius_m(config) + seen.cell_m * math.sqrt(0.5)
         self._end: Array | None = None  # where a drive without a hop would end, if hops are looked for
         self._refused: list[Array] = []  # places where it could not land
         self._above_s: float | None = None  # since when it has been above the place where it is to land
@@ -129,8 +128,8 @@ class Hops:
             return land  # no hop is so cheap
         dear = dearness(land, here)
         air = self._to_landings(request, land, request.lift_to_m, dear)
-        column = self._column(request, request.lift_to_m)
-        offers = offers_by_air(plan, air, column, self._radius_m, here, self._energy)
+        column, radius_m = column_field(self._map, self._config, request, request.lift_to_m)
+        offers = offers_by_air(plan, air, column, radius_m, here, self._energy)
         offers = dear * (offers + hop_m)
         cell = np.floor((end - plan.origin_m) / plan.cell_m).astype(int)
         offers[cell[0], cell[1]] = 0.0
@@ -183,14 +182,11 @@ class Hops:
     def _to_landings(self, request: PlanRequest, land: CostToGo, height_m: float, dear: float) -> CostToGo:
         body = self._config.body
         layer = self._map.slice_field(request.body_pose, height_m - body.below_m - UNDER_M)
-        column = self._column(request, height_m)
-        offers = landing_offers(layer, land, column, self._radius_m, dear, self._energy, self._refused)
+        column, radius_m = column_field(self._map, self._config, request, height_m)
+        offers = landing_offers(layer, land, column, radius_m, dear, self._energy, self._refused)
         if request.mode is Mode.AIR:
             offers[~self._crossed(request, land, centres(layer)).reshape(offers.shape)] = np.inf
         return CostToGo(layer, request.goal_m[:2], self._air_hard_m, UNKNOWN_COST, offers=offers)
-
-    def _column(self, request: PlanRequest, up_to_m: float) -> Field2:
-        return self._map.column_field(*column_m(self._config, request, up_to_m))
 
 
 def landing_offers(

@@ -48,8 +48,8 @@ class Timings:
 
     map_s: float = 0.0
     network_s: float = 0.0
-    route_s: float = 0.0
-    refine_s: float = 0.0
+    route_s: float = 0.0  # with the fields that the refiner looks things up in
+    refine_s: float = 0.0  # the refiner's own
     total_s: float = 0.0
 
 

@@ -10,6 +10,7 @@ import math
 
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import rotation_matrix
+from labr_autonomy.perception.fields import Field2
 from labr_autonomy.perception.rolling_map import RollingMap
 from labr_autonomy.planner.messages import PlanRequest
 from labr_autonomy.types import Mode, Pose
@@ -62,3 +63,15 @@ def wheels_rise(pose: Pose) -> float:
     """Rise over run of the floor on which a robot in this pose stands."""
     up = float(rotation_matrix(pose.quaternion)[2, 2])
     return math.tan(math.acos(min(up, 1.0))) if up > 0.0 else math.inf
+
+
+def column_field(
+    seen: RollingMap, config: RobotConfig, request: PlanRequest, up_to_m: float
+) -> tuple[Field2, float]:
+    """For many places at once: distance to what stands in the way of vertical flights.
+
+    Returns:
+        The field, and the free radius [m] that a vertical flight needs at a cell's middle.
+    """
+    field = seen.column_field(*column_m(config, request, up_to_m))
+    return field, column_radius_m(config) + seen.cell_m * math.sqrt(0.5)

@@ -2,6 +2,12 @@
 
 Norms are limited through boxes that fit inside: horizontal speed by an octagon inscribed in the circle
 (0.92 of the limit along its faces), horizontal acceleration and jerk by squares.
+
+A velocity between two nodes is a parabola, and its nodes say nothing of its peak. The rows therefore limit
+the point where the tangents of both ends meet, v + h a / 2: the control points of the velocity as a uniform
+quadratic B-spline, which lies in their hull (de Boor, A Practical Guide to Splines). In the first interval,
+whose control point is given, the jerk is limited so that the peak is not above the limit; where braking, too,
+has later ones above it, the plan brakes.
 """
 
 from __future__ import annotations
@@ -12,10 +18,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from labr_autonomy.config import AirLimits
 from labr_autonomy.frames import wrap_pi
-from labr_autonomy.refine import profile
+from labr_autonomy.refine.braking import brake_axis
+from labr_autonomy.refine.limits import GIVE_M, Limit, worst
 from labr_autonomy.refine.problem import TIGHT, TOLERANCE, Bounds, Spec, problem_of
 from labr_autonomy.refine.values import STEP_S, STEPS, AirState, grid_s
 from labr_autonomy.types import Array, Mode, Source, Trajectory
@@ -41,7 +49,15 @@ def _cost(x: Any, u: Any, reference: Any) -> Any:
     return cost if u is None else cost + _W_JERK * ca.dot(u[:3], u[:3])
 
 
-SPEC = Spec("air", 3, 9, 3, _step, _cost, lambda x: x[3:9], lambda x: ca.DM(_DIAGONALS) @ x[3:5])
+def _tangents(x: Any) -> Any:
+    """Control points of the velocity after a node: along the axes, then along the diagonals."""
+    meet = x[3:6] + STEP_S / 2 * x[6:9]
+    return ca.vertcat(meet, ca.DM(_DIAGONALS) @ meet[:2])
+
+
+SPEC = Spec("air", 3, 9, 3, _step, _cost, lambda x: x[3:9], _tangents)
+SAME = 1e-6  # [m/s, m/s^2] a state that is nearer to a plan's moves as it says
+ROOM = 5e-4  # [SI] left to the solver about the braking that a start beyond a limit leaves it
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,43 +103,65 @@ class AirModel:
         effect = np.stack([h**2 / 2 + h * after, np.full(n, h)])  # of each jerk on (v, a) at the end
         self._to_rest = np.linalg.pinv(effect)
 
-    def bounds(self, x0: Array, env: Envelope) -> Bounds:
-        """Bounds of variables and rows; a start beyond a limit is let down to it."""
+    def bounds(self, env: Envelope, brake: tuple[Array, Array]) -> Bounds:
+        """Bounds of variables and rows; from a start beyond a limit, `brake` (x, u) is within them too."""
         low, high = np.full(self.problem.size, -np.inf), np.full(self.problem.size, np.inf)
         row_low, row_high = self.problem.row_low.copy(), self.problem.row_high.copy()
-        k = np.arange(1, STEPS + 1)
-        root = math.sqrt(0.5)
-        v0, a0 = x0[3:6], x0[6:9]
-        square = np.array([root, root, 1.0])
-        acceleration, jerk = TIGHT * env.acceleration_mps2 * square, TIGHT * env.jerk_mps3 * square
-        for i in range(3):
-            falls = np.abs(a0[i]) - 0.9 * jerk[i] * STEP_S * k
-            high[self.problem.x_index[1:, 6 + i]] = np.maximum(acceleration[i], falls)
-            low[self.problem.x_index[1:, 6 + i]] = -np.maximum(acceleration[i], falls)
-            low[self.problem.u_index[:, i]], high[self.problem.u_index[:, i]] = -jerk[i], jerk[i]
-        low[self.problem.u_index[:, -1]] = 0.0
+        stops, pushes = _over_horizon(*brake)
+        x, u = self.problem.x_index[1:], self.problem.u_index
+
+        def limit(down: float, up: float, braking: Array) -> tuple[Array, Array]:
+            return np.minimum(-down, braking - ROOM), np.maximum(up, braking + ROOM)
 
         face = TIGHT * OCTAGON * env.speed_mps
-        for i, (down, up) in enumerate(
-            ((face, face), (face, face), (TIGHT * env.descend_mps, TIGHT * env.climb_mps))
-        ):
-            lo, hi = _speed_bounds(v0[i], a0[i], (down, up), acceleration[i], jerk[i])
-            low[self.problem.x_index[1:, 3 + i]], high[self.problem.x_index[1:, 3 + i]] = lo, hi
-        for j, rows in enumerate(self.problem.extra_rows.T):
-            along_v, along_a = float(_DIAGONALS[j] @ v0[:2]), float(_DIAGONALS[j] @ a0[:2])
-            row_low[rows], row_high[rows] = _speed_bounds(
-                along_v, along_a, (face, face), acceleration[0], jerk[0]
-            )
-        spare = abs(v0[2]) * 0.6 + 0.1  # cannot turn round faster
-        first = self.problem.x_index[1:13, 2]
-        rest = self.problem.x_index[13:, 2]
-        low[first] = min(env.height_min_m, x0[2] - spare)
-        low[rest] = min(env.height_min_m, x0[2])
-        high[first] = (
-            max(env.height_max_m, x0[2] + spare) if x0[2] + spare > env.height_max_m else env.height_max_m
-        )
-        high[rest] = max(env.height_max_m, x0[2])
+        speeds = ((face, face), (face, face), (TIGHT * env.descend_mps, TIGHT * env.climb_mps))
+        square = TIGHT * np.array([math.sqrt(0.5), math.sqrt(0.5), 1.0])
+        meets = _meets(stops)
+        for i, (down, up) in enumerate(speeds):
+            jerk, acceleration = square[i] * env.jerk_mps3, square[i] * env.acceleration_mps2
+            low[x[:, 6 + i]], high[x[:, 6 + i]] = limit(acceleration, acceleration, stops[1:, 6 + i])
+            above, below = _until(meets[1:, i] > up), _until(-meets[1:, i] > down)
+            high[x[:above, 6 + i]] = stops[1 : above + 1, 6 + i] + ROOM
+            low[x[:below, 6 + i]] = stops[1 : below + 1, 6 + i] - ROOM
+            low[x[:, 3 + i]], high[x[:, 3 + i]] = limit(down, up, stops[1:, 3 + i])
+            rows = self.problem.extra_rows[:, i]
+            row_low[rows], row_high[rows] = limit(down, up, meets[1:, i])
+            low[u[:, i]], high[u[:, i]] = -jerk, jerk
+            v, a = stops[0, 3 + i], stops[0, 6 + i]
+            high[u[0, i]] = min(jerk, max(_steepest(v, a, high[x[0, 3 + i]]), pushes[0, i] + ROOM))
+            low[u[0, i]] = max(-jerk, min(-_steepest(-v, -a, -low[x[0, 3 + i]]), pushes[0, i] - ROOM))
+        for j, rows in enumerate(self.problem.extra_rows[:, 3:].T):
+            row_low[rows], row_high[rows] = limit(face, face, meets[1:, 3 + j])
+        low[u[:, -1]] = 0.0
+        low[x[:, 2]] = np.minimum(env.height_min_m, stops[1:, 2] - ROOM)
+        high[x[:, 2]] = np.maximum(env.height_max_m, stops[1:, 2] + ROOM)
         return Bounds(low, high, row_low, row_high)
+
+    def over(self, x: Array, u: Array, env: Envelope, brake: tuple[Array, Array]) -> str:
+        """The limit that a plan (n + 1, 9), (n, 3) breaks between its nodes or at them, "" if none.
+
+        Tilt has no limit of its own: the norm of the acceleration bounds it.
+        """
+        (p, v, a), (p_b, v_b, a_b) = _motion(x), _motion(brake[0])
+        j, j_b = u, brake[1]
+
+        def flat(vectors: Array) -> Array:
+            return np.hypot(vectors[:, 0], vectors[:, 1])
+
+        acceleration, jerk = env.acceleration_mps2, env.jerk_mps3
+        return worst(
+            (
+                Limit("flies at {:.3f} m/s", flat(v), env.speed_mps, flat(v_b)),
+                Limit("climbs at {:.3f} m/s", v[:, 2], env.climb_mps, v_b[:, 2]),
+                Limit("descends at {:.3f} m/s", -v[:, 2], env.descend_mps, -v_b[:, 2]),
+                Limit("accelerates by {:.2f} m/s^2", flat(a), acceleration, flat(a_b)),
+                Limit("rises by {:.2f} m/s^2", np.abs(a[:, 2]), acceleration, np.abs(a_b[:, 2])),
+                Limit("jerks by {:.2f} m/s^3", flat(j), jerk, flat(j_b)),
+                Limit("jerks upwards by {:.2f} m/s^3", np.abs(j[:, 2]), jerk, np.abs(j_b[:, 2])),
+                Limit("climbs to {:.2f} m", p[:, 2], env.height_max_m, p_b[:, 2], GIVE_M),
+                Limit("sinks to {:.2f} m", -p[:, 2], -env.height_min_m, -p_b[:, 2], GIVE_M),
+            )
+        )
 
     def simulate(self, x0: Array, u: Array) -> Array:
         """States (n + 1, 9) under piecewise constant jerk (n, 3), exact."""
@@ -142,19 +180,14 @@ class AirModel:
         u = u - self._to_rest @ end
         x = self.simulate(x0, u)
         x[-1, 3:] = 0.0
-        along = x[1:, 3:5] @ _DIAGONALS.T
+        along = _meets(x)[1:]
         rows = self.problem.extra_rows
-        diagonal = (along <= limits.row_high[rows] + TOLERANCE) & (along >= limits.row_low[rows] - TOLERANCE)
-        return (x, u) if diagonal.all() and self.problem.inside(x, u, limits) else None
+        kept = (along <= limits.row_high[rows] + TOLERANCE) & (along >= limits.row_low[rows] - TOLERANCE)
+        return (x, u) if kept.all() and self.problem.inside(x, u, limits) else None
 
     def dense(self, x: Array, u: Array) -> Array:
         """Positions at four samples an interval and at the end, (4 n + 1, 3)."""
-        p, v, a = x[:-1, :3], x[:-1, 3:6], x[:-1, 6:9]
-        steps = STEP_S * np.arange(SUB) / SUB
-        points: Array = np.stack([p + v * t + a * t**2 / 2 + u * t**3 / 6 for t in steps], axis=1).reshape(
-            -1, 3
-        )
-        return np.concatenate([points, x[-1:, :3]])
+        return _motion(x)[0]
 
     def cold(self, x0: Array, reference: Array) -> tuple[Array, Array]:
         """Seed from a timed reference (STEPS + 1, 3)."""
@@ -176,35 +209,84 @@ class AirModel:
         x[0] = x0
         return x, u
 
-    def brake(self, x0: Array, env: Envelope) -> Array:
-        """To rest on each axis as fast as jerk and acceleration allow, (n, 9); as long as that takes."""
-        phases = []
-        for i in range(3):
-            part = 1.0 if i == 2 else math.sqrt(0.5)
-            phases.append(
-                profile.ramp(x0[3 + i], x0[6 + i], 0.0, part * env.acceleration_mps2, part * env.jerk_mps3)
-            )
-        steps = max(2, math.ceil(max(profile.duration(p) for p in phases) / STEP_S - 1e-9))
-        t = grid_s(steps + 1)
-        axes = [profile.evaluate((x0[i], x0[3 + i], x0[6 + i]), phases[i], t) for i in range(3)]
-        x: Array = np.stack(axes, axis=1).transpose(0, 2, 1).reshape(len(t), 9)
+    def rest_of(self, previous: Trajectory, now_s: float, x0: Array) -> tuple[Array, Array] | None:
+        """The rest of the previous plan from `now_s` on, moved to where the robot is, as long as that is.
+
+        Returns:
+            States (n + 1, 9) and jerks (n, 3); None where the robot moves otherwise than the plan says.
+        """
+        steps = max(2, math.ceil((previous.end_s - now_s) / STEP_S - 1e-9))
+        motion = [previous.sample(now_s + STEP_S * k) for k in range(steps + 1)]
+        x = np.array([np.concatenate([m.position_m, m.velocity_mps, m.acceleration_mps2]) for m in motion])
+        if float(np.abs(x[0, 3:] - x0[3:]).max()) > SAME:
+            return None
+        x[:, :3] += x0[:3] - x[0, :3]
+        x[0] = x0
+        return x, np.diff(x[:, 6:], axis=0) / STEP_S
+
+    def brake(self, x0: Array, env: Envelope) -> tuple[Array, Array]:
+        """To rest on each axis in the fewest intervals that jerk and acceleration allow.
+
+        Returns:
+            States (n + 1, 9) and jerks (n, 3). No plan from `x0` keeps its peak speeds lower.
+        """
+        part = TIGHT * np.array([math.sqrt(0.5), math.sqrt(0.5), 1.0])
+        axes = [
+            brake_axis(x0[3 + i], x0[6 + i], part[i] * env.acceleration_mps2, part[i] * env.jerk_mps3)
+            for i in range(3)
+        ]
+        a = np.zeros((max(len(axis) for axis in axes), 3))
+        for i, axis in enumerate(axes):
+            a[: len(axis), i] = axis
+        u: Array = np.diff(a, axis=0) / STEP_S
+        x = self.simulate(x0, u)
         x[-1, 3:] = 0.0
-        return x
+        return x, u
 
 
-def _speed_bounds(
-    v0: float, a0: float, limits: tuple[float, float], acceleration: float, jerk: float
-) -> Array:
-    """Lower and upper bound of one velocity at the nodes 1..STEPS, (2, STEPS); `limits` are (down, up)."""
-    t = grid_s(STEPS + 1)[1:]
-    out = []
-    for sign, limit in ((-1.0, limits[0]), (1.0, limits[1])):
-        v, push = sign * v0, max(0.0, sign * a0)
-        peak = v + push**2 / (1.8 * jerk) + push * STEP_S / 2.0
-        turned = push / (0.9 * jerk) + acceleration / jerk  # when it decelerates in full
-        falls = peak + 0.02 - 0.5 * acceleration * np.maximum(0.0, t - turned)
-        out.append(sign * (np.maximum(limit, falls) if peak > limit else np.full(STEPS, limit)))
-    return np.array(out)
+def _over_horizon(x: Array, u: Array) -> tuple[Array, Array]:
+    """Braking as (STEPS + 1, 9) and (STEPS, 3): cut, or followed by rest."""
+    rest = max(0, STEPS - len(u))
+    x = np.concatenate([x, np.repeat(x[-1:], rest, axis=0)])
+    u = np.concatenate([u, np.zeros((rest, 3))])
+    return x[: STEPS + 1], u[:STEPS]
+
+
+def _until(over: NDArray[np.bool_]) -> int:
+    """How many nodes from 1 on end the intervals up to the last one marked (STEPS,), the first being 1."""
+    return STEPS + 1 - int(over[::-1].argmax()) if over.any() else 0
+
+
+def _meets(x: Array) -> Array:
+    """`_tangents` of states (n, 9), (n, 5)."""
+    meet = x[:, 3:6] + STEP_S / 2 * x[:, 6:9]
+    return np.concatenate([meet, meet[:, :2] @ _DIAGONALS.T], axis=1)
+
+
+def _motion(x: Array) -> tuple[Array, Array, Array]:
+    """Positions, velocities and accelerations at `SUB` samples an interval and at the end, (SUB n + 1, 3).
+
+    As `Trajectory.sample` has them between the nodes (n + 1, 9), so that what is checked is what is flown.
+    """
+    f = np.arange(SUB)[:, None] / SUB
+    p, v, a = (x[:-1, None, i : i + 3] for i in (0, 3, 6))
+    way = x[1:, None, :3] - p
+    leaves, arrives = STEP_S * v - way, STEP_S * x[1:, None, 3:6] - way
+    place = p + f * way + f * (1.0 - f) * ((1.0 - f) * leaves - f * arrives)
+    velocity = (way + (1.0 - f) * (1.0 - 3.0 * f) * leaves - f * (2.0 - 3.0 * f) * arrives) / STEP_S
+    acceleration = a + f * (x[1:, None, 6:] - a)
+    out = [
+        np.concatenate([values.reshape(-1, 3), x[-1:, i : i + 3]])
+        for values, i in zip((place, velocity, acceleration), (0, 3, 6), strict=True)
+    ]
+    return out[0], out[1], out[2]
+
+
+def _steepest(v: float, a: float, limit: float) -> float:
+    """The most jerk in a first interval that keeps a velocity's peak there at the limit; inf without one."""
+    if a <= 0.0 or v + 0.5 * STEP_S * a <= limit:
+        return math.inf
+    return -(a**2) / (2.0 * (limit - v)) if limit > v else -math.inf
 
 
 def trajectory(x: Array, yaw: Array, now_s: float, source: Source) -> Trajectory:

@@ -32,9 +32,9 @@ from labr_autonomy.refine.choice import (
 )
 from labr_autonomy.refine.polytopes import Polytopes
 from labr_autonomy.refine.problem import TIGHT
-from labr_autonomy.refine.rti import Task
+from labr_autonomy.refine.rti import Plan, Task
 from labr_autonomy.refine.solver import QpStep
-from labr_autonomy.refine.values import STEP_S, STEPS, AirState, DistanceField, RefineResult, grid_s
+from labr_autonomy.refine.values import STEP_S, AirState, DistanceField, RefineResult, grid_s
 from labr_autonomy.types import Array, Mode, Source, Trajectory
 
 SLOW_MPS = 0.3
@@ -100,17 +100,19 @@ class AirPlanner:
         call = Call(self._clock, now_s, self._clock.now_s(), source, previous)
         env = self._envelope(floor_m, speed_mps, climb_mps, descend_mps)
         x0 = vector(state)
+        brake = self._model.brake(x0, env)
         points = np.array(key_points_m, dtype=float)
         points[:, 2] = np.clip(points[:, 2], env.height_min_m, env.height_max_m)
         task = Task(
             self._model.problem,
             self._step,
             x0,
-            self._model.bounds(x0, env),
+            self._model.bounds(env, brake),
             self._model.settle,
             self._model.dense,
             field,
             self.hard_m,
+            lambda x, u: self._model.over(x, u, env, brake),
         )
         if not np.isfinite(points).all():
             return self._fallback(task, state, env, call, "the key points are not finite numbers")
@@ -121,9 +123,9 @@ class AirPlanner:
             )
         turn = turn_first(state, path.at(TURN_AHEAD_M) - path.points_m[0])
         if turn is not None:
-            out = self._turn(state, turn, env, call)
-            verdict = dense_check(out.position_m, field, self.hard_m)
-            if verdict.free:
+            verdict = task.judge(*brake)
+            if verdict.may_leave:
+                out = self._turn(state, turn, brake[0], env, call)
                 degrees = math.degrees(wrap_pi(turn - state.yaw))
                 why = f"turning by {degrees:.0f} degrees towards the path"
                 return call.result(out, verdict, self.outline_m, why)
@@ -197,9 +199,8 @@ class AirPlanner:
             wanted[k] = heading
         return follow_yaw(state.yaw, self._yaw_rate(call), wanted, env.yaw_rate_rps)
 
-    def _turn(self, state: AirState, yaw_rad: float, env: Envelope, call: Call) -> Trajectory:
-        """Come to a hover and turn; as many intervals as that takes."""
-        x = self._model.brake(vector(state), env)
+    def _turn(self, state: AirState, yaw_rad: float, x: Array, env: Envelope, call: Call) -> Trajectory:
+        """Come to a hover by braking states x (n, 9) and turn; as many intervals as that takes."""
         rate0 = self._yaw_rate(call)
         most = max(env.yaw_rate_rps, abs(rate0))
         angle = wrap_pi(yaw_rad - state.yaw)
@@ -213,21 +214,37 @@ class AirPlanner:
         return trajectory(x, yaw, call.now_s, Source.TURN)
 
     def _fallback(self, task: Task, state: AirState, env: Envelope, call: Call, why: str) -> RefineResult:
+        options: list[tuple[Source, Plan]] = []
         previous = call.previous_of(Mode.AIR)
         if previous is not None and previous.end_s > call.now_s + STEP_S:
-            seed = self._model.shifted(previous, call.now_s, task.x0)
-            kept = task.solve(seed, seed[0][:, :3], None)
-            if kept is not None and kept.verdict.free:
-                wanted = np.full(STEPS + 1, previous.yaw_rad[-1])
-                yaw = follow_yaw(state.yaw, self._yaw_rate(call), wanted, env.yaw_rate_rps)
-                out = trajectory(kept.x, yaw, call.now_s, Source.PREVIOUS)
-                return call.result(out, kept.verdict, self.outline_m, why, stopped=True)
-        out = self.brake(state, call.now_s)
-        verdict = dense_check(out.position_m, task.field, self.hard_m)
-        return call.result(out, verdict, self.outline_m, why, stopped=True)
+            kept = self._model.rest_of(previous, call.now_s, task.x0)
+            if kept is not None:
+                options.append((Source.PREVIOUS, Plan(*kept, task.judge(*kept))))
+            if not any(plan.verdict.may_leave for _, plan in options):
+                seed = self._model.shifted(previous, call.now_s, task.x0)
+                tracked = task.solve(seed, seed[0][:, :3], None)
+                options += [] if tracked is None else [(Source.PREVIOUS, tracked)]
+        options = [option for option in options if not option[1].verdict.over]
+        brake = self._model.brake(task.x0, env)
+        options.append((Source.BRAKE, Plan(*brake, task.judge(*brake))))
+        free = [option for option in options if option[1].verdict.may_leave]
+        # braking may lead into what the previous plan went round: the farther one, then
+        source, plan = free[0] if free else max(options, key=lambda option: option[1].verdict.nearest_m)
+        if previous is None or source is Source.BRAKE:
+            out = _hovering(plan.x, state, call.now_s)
+        else:
+            wanted = np.full(len(plan.x), previous.yaw_rad[-1])
+            yaw = follow_yaw(state.yaw, self._yaw_rate(call), wanted, env.yaw_rate_rps)
+            out = trajectory(plan.x, yaw, call.now_s, source)
+        return call.result(out, plan.verdict, self.outline_m, why, stopped=True)
 
     def brake(self, state: AirState, now_s: float) -> Trajectory:
         """To a hover as fast as jerk and acceleration allow, wherever that is; the yaw is kept."""
-        x = self._model.brake(vector(state), self._envelope(0.0))
-        yaw = np.stack([np.full(len(x), state.yaw), np.zeros(len(x))], axis=1)
-        return trajectory(x, yaw, now_s, Source.BRAKE)
+        x, _ = self._model.brake(vector(state), self._envelope(0.0))
+        return _hovering(x, state, now_s)
+
+
+def _hovering(x: Array, state: AirState, now_s: float) -> Trajectory:
+    """Braking states (n, 9) with the yaw kept."""
+    yaw = np.stack([np.full(len(x), state.yaw), np.zeros(len(x))], axis=1)
+    return trajectory(x, yaw, now_s, Source.BRAKE)

@@ -21,6 +21,12 @@ class Verdict:
 
     free: bool
     nearest_m: float  # least distance of the body's centre to an obstacle
+    over: str = ""  # the limit that is broken, a sentence
+
+    @property
+    def may_leave(self) -> bool:
+        """Free of obstacles and within every limit."""
+        return self.free and not self.over
 
 
 def dense_check(points: Array, field: DistanceField, hard_m: float) -> Verdict:

@@ -45,13 +45,15 @@ class Call:
 
 
 def best_plan(task: Task, seeds: list[tuple[Array, Array]], timed: Array, polytopes: Polytopes) -> Plan | str:
-    """The first free plan that advances, or why there is none."""
+    """The first plan that may leave and advances, or why there is none."""
     why = "the solver found no plan"
     for seed in seeds:
         plan = task.solve(seed, timed, polytopes)
         if plan is None:
             continue
-        if not plan.verdict.free:
+        if plan.verdict.over:
+            why = f"the best plan {plan.verdict.over}"
+        elif not plan.verdict.free:
             why = f"the best plan comes within {plan.verdict.nearest_m:.2f} m of an obstacle"
         elif not advances(plan, timed):
             why = "the plan does not advance"

@@ -11,11 +11,13 @@ import numpy as np
 from labr_autonomy.config import LandLimits
 from labr_autonomy.frames import wrap_pi
 from labr_autonomy.refine import profile
+from labr_autonomy.refine.limits import Limit, worst
 from labr_autonomy.refine.problem import TIGHT, Bounds, Spec, problem_of
 from labr_autonomy.refine.values import STEP_S, STEPS, LandState, grid_s
 from labr_autonomy.types import Array, Mode, Source, Trajectory
 
 SUB = 4  # dense samples an interval
+ROOM = 5e-4  # [SI] left to the solver about the braking that a start beyond a limit leaves it
 FINE = 20  # integration steps an interval where a rate has corners
 _W_POSITION, _W_YAW_RATE, _W_ACCELERATION, _W_YAW_ACCELERATION = 5.0, 0.05, 0.05, 0.02
 
@@ -55,22 +57,43 @@ class LandModel:
         self.limits = limits
         self.problem = problem_of(SPEC)
 
-    def bounds(self, x0: Array) -> Bounds:
-        """Bounds of variables and rows; a start beyond a limit is let down to it."""
-        lim, k = self.limits, np.arange(1, STEPS + 1)
+    def bounds(self, brake: tuple[Array, Array]) -> Bounds:
+        """Bounds of variables and rows; from a start beyond a limit, `brake` (x, u) is within them too."""
+        lim = self.limits
         low, high = np.full(self.problem.size, -np.inf), np.full(self.problem.size, np.inf)
-        falls = 0.8 * STEP_S * k
-        for i, down, up, rate in (
-            (3, lim.reverse_mps, lim.speed_mps, lim.acceleration_mps2),
-            (4, lim.yaw_rate_rps, lim.yaw_rate_rps, lim.yaw_acceleration_rps2),
+        stops = brake[0][1 : STEPS + 1, 3:]
+        stops = np.concatenate([stops, np.zeros((STEPS - len(stops), 2))])
+        for i, down, up in (
+            (3, lim.reverse_mps, lim.speed_mps),
+            (4, lim.yaw_rate_rps, lim.yaw_rate_rps),
         ):
-            high[self.problem.x_index[1:, i]] = np.maximum(TIGHT * up, x0[i] - rate * falls)
-            low[self.problem.x_index[1:, i]] = np.minimum(-TIGHT * down, x0[i] + rate * falls)
+            high[self.problem.x_index[1:, i]] = np.maximum(TIGHT * up, stops[:, i - 3] + ROOM)
+            low[self.problem.x_index[1:, i]] = np.minimum(-TIGHT * down, stops[:, i - 3] - ROOM)
         for i, rate in ((0, lim.acceleration_mps2), (1, lim.yaw_acceleration_rps2)):
             low[self.problem.u_index[:, i]] = -TIGHT * rate
             high[self.problem.u_index[:, i]] = TIGHT * rate
         low[self.problem.u_index[:, -1]] = 0.0
         return Bounds(low, high, self.problem.row_low, self.problem.row_high)
+
+    def over(self, x: Array, u: Array, brake: tuple[Array, Array]) -> str:
+        """The limit that a plan (n + 1, 5), (n, 2) breaks, "" if none; speeds are straight between nodes."""
+        lim, (stops, pushes) = self.limits, brake
+        v, w, v_b, w_b = x[:, 3], x[:, 4], stops[:, 3], stops[:, 4]
+        turn, turns = lim.yaw_rate_rps, lim.yaw_acceleration_rps2
+        return worst(
+            (
+                Limit("drives at {:.3f} m/s", v, lim.speed_mps, v_b),
+                Limit("backs at {:.3f} m/s", -v, lim.reverse_mps, -v_b),
+                Limit("turns at {:.2f} rad/s", np.abs(w), turn, np.abs(w_b)),
+                Limit(
+                    "accelerates by {:.2f} m/s^2",
+                    np.abs(u[:, 0]),
+                    lim.acceleration_mps2,
+                    np.abs(pushes[:, 0]),
+                ),
+                Limit("turns by {:.2f} rad/s^2", np.abs(u[:, 1]), turns, np.abs(pushes[:, 1])),
+            )
+        )
 
     def simulate(self, x0: Array, u: Array) -> Array:
         """States (n + 1, 5) under piecewise constant u (n, 2); v, w are exact."""
@@ -149,7 +172,7 @@ class LandModel:
 
     def brake(self, x0: Array) -> tuple[Array, Array]:
         """Speed and yaw rate to zero as fast as the limits allow; as many intervals as that takes."""
-        rates = np.array([self.limits.acceleration_mps2, self.limits.yaw_acceleration_rps2])
+        rates = TIGHT * np.array([self.limits.acceleration_mps2, self.limits.yaw_acceleration_rps2])
         steps = max(2, math.ceil(float((np.abs(x0[3:]) / rates).max()) / STEP_S - 1e-9))
         left = np.abs(x0[3:])[None] - rates * STEP_S * np.arange(steps + 1)[:, None]
         u: Array = np.diff(np.sign(x0[3:]) * np.maximum(left, 0.0), axis=0) / STEP_S
@@ -160,7 +183,7 @@ class LandModel:
     def turn(self, x0: Array, yaw_rad: float) -> tuple[Array, Array]:
         """Turn to `yaw_rad` the short way while the speed goes to zero; as many intervals as that takes."""
         lim = self.limits
-        rate = max(lim.yaw_rate_rps, abs(x0[4]))
+        rate = lim.yaw_rate_rps
         angle = wrap_pi(yaw_rad - x0[2])
         lasts = profile.turn_duration(angle, x0[4], rate, lim.yaw_acceleration_rps2)
         brake_u = self.brake(x0)[1]

@@ -73,16 +73,18 @@ class LandPlanner:
         call = Call(self._clock, now_s, self._clock.now_s(), source, previous)
         lim = self.config.land
         x0 = vector(state)
+        brake = self._model.brake(x0)
         points = np.asarray(key_points_m, dtype=float)[:, :2]
         task = Task(
             self._model.problem,
             self._step,
             x0,
-            self._model.bounds(x0),
+            self._model.bounds(brake),
             self._model.settle,
             self._model.dense,
             field,
             self.hard_m,
+            lambda x, u: self._model.over(x, u, brake),
         )
 
         def give(x: Array, u: Array, verdict: Verdict, source: Source, why: str) -> RefineResult:
@@ -97,7 +99,7 @@ class LandPlanner:
             if look is not None:
                 x, u = self._model.turn(x0, look)
                 verdict = task.judge(x, u)
-                if verdict.free:
+                if verdict.may_leave:
                     return give(x, u, verdict, Source.TURN, "looking where the path leads")
             return self._fallback(
                 task, state, call, f"the key points are blocked after {path.length_m:.1f} m"
@@ -106,7 +108,7 @@ class LandPlanner:
         if turn is not None:
             x, u = self._model.turn(x0, turn)
             verdict = task.judge(x, u)
-            if verdict.free:
+            if verdict.may_leave:
                 degrees = math.degrees(wrap_pi(turn - state.yaw))
                 return give(x, u, verdict, Source.TURN, f"turning by {degrees:.0f} degrees towards the path")
             return self._fallback(task, state, call, "no room to stop while turning towards the path")
@@ -170,7 +172,7 @@ class LandPlanner:
         if previous is not None and previous.end_s > call.now_s + STEP_S:
             seed = self._model.shifted(previous, call.now_s, task.x0)
             kept = task.solve(seed, seed[0][:, :2], None)
-            if kept is not None and kept.verdict.free:
+            if kept is not None and kept.verdict.may_leave:
                 out = self._model.trajectory(kept.x, kept.u, state, call.now_s, Source.PREVIOUS)
                 return call.result(out, kept.verdict, self.config.body.radius_m, why, stopped=True)
         x, u = self._model.brake(task.x0)

@@ -1,7 +1,8 @@
 """The refiner: key points, map, state and previous plan to a trajectory that may be followed.
 
 Seeds in order: the previous plan shifted to now, the reference, the previous plan as it is, a brake. Each
-candidate is re-simulated and checked densely against the map before it may leave; the brake always may.
+candidate is re-simulated and checked densely against map and limits before it may leave. Where none is free,
+the robot brakes; in the air it flies the rest of the previous plan instead if that stays farther away.
 The caller brings the path of a search as key points of its own (`source=Source.SEARCH`).
 
 Clearance is judged at the body's centre. On land the outline is the circle of `body.radius_m`; in the air

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,13 +38,14 @@ class Task:
     dense: Callable[[Array, Array], Array]  # (x, u) -> positions
     field: DistanceField
     hard_m: float
+    over: Callable[[Array, Array], str]  # (x, u) -> the limit that it breaks
 
     def judge(self, x: Array, u: Array) -> Verdict:
-        """The dense check of a plan."""
-        return dense_check(self.dense(x, u), self.field, self.hard_m)
+        """The dense check of a plan, against map and limits."""
+        return replace(dense_check(self.dense(x, u), self.field, self.hard_m), over=self.over(x, u))
 
     def solve(self, seed: tuple[Array, Array], reference: Array, polytopes: Polytopes | None) -> Plan | None:
-        """The first plan that is free, else the last one found; None where the QP has no usable answer."""
+        """The first plan that may leave, else the last one found; None where the QP has no usable answer."""
         x, u = seed
         best: Plan | None = None
         for _ in range(ITERATIONS if polytopes else 1):
@@ -62,7 +63,7 @@ class Task:
                 return best
             x, u = settled
             best = Plan(x, u, self.judge(x, u))
-            if best.verdict.free:
+            if best.verdict.may_leave:
                 return best
         return best
 

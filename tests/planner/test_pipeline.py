@@ -160,12 +160,12 @@ ROOM = ((1.0, -2.0, 4.0, -1.8), (1.0, 1.8, 4.0, 2.0), (1.0, -2.0, 1.2, 2.0), (3.
     ],
 )
 def test_a_place_is_looked_up_before_anybody_drives_there(pipeline, monkeypatch, plan, place, answer):
-    pipeline._memory.remember(plan.coarser(), np.array([0.0, 0.0]))
-    monkeypatch.setattr(pipeline._memory, "plan", lambda goal_m: (plan.coarser(), None))
+    ways = pipeline._ways
+    monkeypatch.setattr(ways, "_plan", lambda goal_m: (plan.coarser(), None))
     request = Ideal((0.0, 0.0, 0.12)).request(1, 10.0, Mode.LAND, (1.0, 0.0, 0.12), False)
     asked = replace(request, probe_m=np.array([*place, 0.0]))
-    assert pipeline._probe(request) is None
-    found = pipeline._probe(asked)
+    assert ways.probe(request) is None
+    found = ways.probe(asked)
     assert found.startswith(answer)
     assert bool(found) == bool(answer)
 

@@ -153,7 +153,7 @@ def test_the_previous_plan_is_shifted_by_any_time(refiner, shift_s):
     x, u = model.shifted(before, 50.0 + shift_s, x0)
     for k in (1, 5, 12):
         then = before.sample(50.0 + shift_s + 0.1 * k)
-        assert np.allclose(x[k, :2], then.position_m[:2], atol=1e-9)
+        assert np.allclose(x[k, :2], then.position_m[:2], atol=2e-3)  # a seed lies on chords: a h^2 / 8
         assert x[k, 2] == pytest.approx(then.yaw_rad - 2 * math.pi, abs=1e-9)  # the turn count of the state
         assert x[k, 3] == pytest.approx(then.speed_mps, abs=1e-9)
     assert np.allclose(x[0, 3:] + np.cumsum(u, axis=0)[-1] * 0.1, 0.0, atol=1e-9)  # still ends at rest
