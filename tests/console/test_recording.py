@@ -132,6 +132,7 @@ def test_the_page_plays_scrubs_and_steps(run, tmp_path):
         tab.until("!labr.replay.playing")
         tab.page.get_by_label("place in the recording").fill("2")
         tab.until("Math.abs(labr.replay.at_s - 2) < 0.01")
+        tab.until("Math.abs(labr.state.pose.position_m[0] - 1.0) < 0.01")  # of that place, not of before
         before = tab.page.evaluate("labr.state.stamp_s")
         tab.button("one step on").click()
         tab.until(f"labr.state.stamp_s > {before}")
