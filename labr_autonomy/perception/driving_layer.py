@@ -121,7 +121,8 @@ class DrivingLayer:
             self._marks,
             self._touched,
         )
-        self.moving.watch(self.odds, self._marks, self._touched, count, self.origin_m, stamp_s)
+        marks = self._marks, self._touched, count
+        self.moving.watch(self.odds, *marks, self.origin_m, stamp_s, eye_m, optics[4])
         apply(self.odds.reshape(-1), self._marks, self._touched, count, MISS, LOWEST, HIGHEST)
         self.moving.stamp(self.odds, self._touched, count)
         return count

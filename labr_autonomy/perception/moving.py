@@ -8,6 +8,7 @@ before it and stands when it comes close. Frame: odom; metres.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,8 @@ from labr_autonomy.types import Array
 
 SURELY_FREE = -15  # log-odds of the driving layer
 STOOD_S = 1.0  # what has been solid so long does not move
-BESIDE = 3  # cells from it are its own
+BESIDE, SPREAD = 3, 3.0  # so many cells from it are its own, or so many sigmas of the return
+FAR_M = 4.0  # returns from farther away scatter too much; walls have long been seen when they come so near
 TOGETHER, APART_M = 6, 0.3  # so many surprises so near to each other are a body
 HOLD_S = 1.0  # of a place where something moved
 MOST = 512  # surprises of one image that are looked at
@@ -27,9 +29,22 @@ MOST = 512  # surprises of one image that are looked at
 
 @compiled
 def _surprises(
-    odds: Any, marks: Any, touched: Any, count: int, since: Any, solid: int, before_s: float, out: Any
+    odds: Any,
+    marks: Any,
+    touched: Any,
+    count: int,
+    since: Any,
+    solid: int,
+    before_s: float,
+    eye: Any,
+    sigma: float,
+    out: Any,
 ) -> int:
-    """Flat indices of the cells with a return that were surely free and have nothing old beside them."""
+    """Flat indices of the cells with a return that were surely free and have nothing old beside them.
+
+    In cells: `eye` is the camera's place and the distance up to which returns count, `sigma` the noise of a
+    return one cell away.
+    """
     n, m = odds.shape
     found = 0
     for k in range(count):
@@ -37,9 +52,12 @@ def _surprises(
         i, j = index // m, index % m
         if marks[index] <= 1 or odds[i, j] > SURELY_FREE:
             continue
-        old = False
-        for a in range(max(0, i - BESIDE), min(n, i + BESIDE + 1)):
-            for b in range(max(0, j - BESIDE), min(m, j + BESIDE + 1)):
+        away2 = (i + 0.5 - eye[0]) ** 2 + (j + 0.5 - eye[1]) ** 2
+        if away2 > eye[2] ** 2:
+            continue
+        old, beside = False, max(BESIDE, math.ceil(SPREAD * sigma * away2))
+        for a in range(max(0, i - beside), min(n, i + beside + 1)):
+            for b in range(max(0, j - beside), min(m, j + beside + 1)):
                 old |= odds[a, b] >= solid and since[a, b] <= before_s
         if not old and found < len(out):
             out[found] = index
@@ -87,6 +105,8 @@ class Moving:
         count: int,
         origin_m: Array,
         now_s: float,
+        eye_m: Array,
+        sigma_1: float,
     ) -> None:
         """Look for bodies in an image's marks, before they are applied.
 
@@ -97,8 +117,22 @@ class Moving:
             count: How many.
             origin_m: (2,) lower corner, odom.
             now_s: The image's stamp.
+            eye_m: (2|3,) of the camera, odom.
+            sigma_1: Noise of a return at one metre; it grows with the square of the distance.
         """
-        k = _surprises(odds, marks, touched, count, self._since_s, self._solid, now_s - STOOD_S, self._found)
+        eye = (eye_m[:2] - origin_m) / self._cell_m
+        k = _surprises(
+            odds,
+            marks,
+            touched,
+            count,
+            self._since_s,
+            self._solid,
+            now_s - STOOD_S,
+            (float(eye[0]), float(eye[1]), FAR_M / self._cell_m),
+            sigma_1 * self._cell_m,
+            self._found,
+        )
         self._now_s = now_s
         young = self._places_m[self._places_m[:, 2] > now_s - HOLD_S]
         if k >= TOGETHER:

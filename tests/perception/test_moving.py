@@ -65,3 +65,14 @@ def test_a_wall_that_the_pose_drifts_against_does_not_move():
     walls = [[box([1.8 - 0.01 * k, -2.0, 0.0], [2.0, 2.0, 1.5])] for k in range(12)]
     grid = watched([[box([1.8, -2.0, 0.0], [2.0, 2.0, 1.5])]] * EMPTY_FRAMES + walls)
     assert not len(grid.driving.moving.places_m)
+
+
+def test_walls_that_come_into_view_from_afar_do_not_move():
+    """Far returns scatter over floor that was surely free: a wall is not a body for that."""
+    wall, grid, rng = box([7.0, -6.0, 0.0], [7.2, 6.0, 2.0]), RollingMap(CONFIG), np.random.default_rng(1)
+    count = 0
+    for k in range(40):
+        at = standing(x=0.08 * k)
+        grid.update(DepthFrame(k, k * PERIOD_S, seen([LEVEL, wall], at, rng), OPTICS), at, 0.0)
+        count += len(grid.driving.moving.places_m)
+    assert count == 0
