@@ -18,13 +18,14 @@ from labr_autonomy.perception import driving_kernels as kernels
 from labr_autonomy.perception.driving_kernels import CELL_M, HIGHEST, LOWEST, MISS, NO_FLOOR, OCCUPIED, STEP_M
 from labr_autonomy.perception.fields import Field2
 from labr_autonomy.perception.footing import Footing, footing
-from labr_autonomy.perception.moving import SURELY_FREE, Moving
+from labr_autonomy.perception.moving import Moving
 from labr_autonomy.perception.raycast import apply
 from labr_autonomy.perception.shift import moved
 from labr_autonomy.types import Array
 
 FADE_M = 1.0  # of way takes one unit from all evidence of obstacles: the pose drifts away from it
 GRAIN = 3  # cells
+LOOKED_THROUGH = -12.0  # mean log-odds of four cells, of which three are as free as can be
 DODGE_M = 0.5  # round where something moved nothing is free: the way of a walker while the robot brakes
 
 
@@ -163,10 +164,13 @@ class DrivingLayer:
         return Field2.from_points(occupied, known, self.spots, self.origin_m, CELL_M)
 
     def surely_free(self) -> NDArray[np.bool_]:
-        """Pairs of cells, as in `seen().coarser()`, that were looked through again and again, (n/2, n/2)."""
+        """Pairs of cells, as in `seen().coarser()`, that were looked through again and again, (n/2, n/2).
+
+        A cell in four may have been missed between rays; half a pair of them may be a wall's face.
+        """
         n = self.odds.shape[0] // 2
-        most = self.odds[: 2 * n, : 2 * n].reshape(n, 2, n, 2).max(axis=(1, 3))
-        return np.asarray(most <= SURELY_FREE)
+        four = self.odds[: 2 * n, : 2 * n].reshape(n, 2, n, 2)
+        return np.asarray((four.max(axis=(1, 3)) <= 0) & (four.mean(axis=(1, 3)) <= LOOKED_THROUGH))
 
     def room(self, place_m: Array, half_m: float) -> Field2:
         """The same near a place (2|3,), where nothing counts as free that was not seen: for trajectories.
