@@ -36,6 +36,7 @@ TRIES_MAX = 6
 SPENT_MAX_S = 120.0
 AWAY_M = 3.0  # so far from where trouble began it is over
 CLOSED_S = 45.0
+BEFORE_M = 1.5  # who stands this near before a narrow gap stands because of it
 
 
 class Action(enum.Enum):
@@ -66,6 +67,7 @@ class Facts:
     way: bool  # the map has an ordinary way to the goal
     tight_way: bool  # or one through gaps that are too tight
     gap_m: Array | None  # (2,) the first such gap on it
+    ahead_m: Array | None  # (2,) the first gap on the ordinary way that may prove too narrow
     trail: bool  # there is a way back
     may_hop: bool  # energy and room allow it
 
@@ -138,6 +140,9 @@ def _begin(state: State, action: Action, facts: Facts, now_s: float) -> State:
 
 
 def _trouble(state: State, facts: Facts, now_s: float) -> State:
+    if _gap(facts.place_m, facts.ahead_m) < BEFORE_M:
+        assert facts.ahead_m is not None
+        state = replace(state, closed=(*state.closed, Closed(facts.ahead_m, now_s + CLOSED_S)))
     if state.trouble_m is None:
         state = replace(state, trouble_m=facts.place_m, trouble_s=now_s)
     else:

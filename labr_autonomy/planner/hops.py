@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,40 +28,13 @@ REFUSED_M = 0.8  # a place where it could not land after all, and so much around
 ABOVE_S = 2.0  # so long it may stay above the place where it is to land
 ROUND = 2.0  # times the straight way, in weighted metres (2 where nothing was seen), is a long way round ...
 MORE_M, MORE_MPS = 2.0, 0.25  # ... beyond so much, which rises with each second of flight
+ALOFT_MAX_S = 15.0  # after so long it comes down wherever there is room: hovering costs more than a detour
 SAME_M = 0.3  # ends nearer to each other than this are one
 SETTLE_M = 0.3  # flying on must save more than so many metres of flight
 UNKNOWN_COST = 4.0  # of a hop's metres where nothing was seen: it is not flown on a guess
 UNDER_M = 0.1  # so far below the body the slice of a flight begins
 
 Again = Callable[[Array], CostToGo]
-
-
-@dataclass(slots=True)
-class Vain:
-    """Metres driven in vain: they brought the robot no nearer, or farther off by the map's own count.
-
-    Along a fence whose end nobody has seen, the next gap always looks near while the way grows with each
-    metre. Once a hop's worth is lost like this it hops: so it never loses much more than that (as in the
-    problem of renting or buying skis: Karlin et al., "Competitive snoopy caching", 1988).
-    """
-
-    lost_m: float = 0.0
-    _place_m: Array | None = None
-    _left_m: float = math.inf
-
-    def step(self, place_m: Array, left_m: float) -> float:
-        """Count on, and return what is lost.
-
-        Args:
-            place_m: (2,) the robot, odom.
-            left_m: Length of the way from there to the goal.
-        """
-        if self._place_m is not None and math.isfinite(self._left_m):
-            moved_m = float(np.hypot(*(place_m - self._place_m)))
-            grown_m = moved_m + left_m - self._left_m
-            self.lost_m += min(max(grown_m, 0.0), 2.0 * moved_m)  # a way found closed was not yet driven
-        self._place_m, self._left_m = place_m.copy(), left_m
-        return self.lost_m
 
 
 def dearness(land: CostToGo, here_m: Array) -> float:
@@ -91,14 +63,11 @@ class Hops:
         self._refused: list[Array] = []  # places where it could not land
         self._above_s: float | None = None  # since when it has been above the place where it is to land
         self._landings = KeptWays()
-        self._vain = Vain()
-        self.must = False  # so much was driven in vain that it is to take off wherever it can
         self._aloft_s: float | None = None  # since when it flies
 
     def reset(self) -> None:
         """Another goal: forget what was planned and where it could not land."""
-        self._end, self._refused, self._above_s, self._vain = None, [], None, Vain()
-        self._aloft_s, self.must = None, False
+        self._end, self._refused, self._above_s, self._aloft_s = None, [], None, None
 
     def planned(self, ways: CostToGo, here_m: Array) -> bool:
         """Whether the way from here takes off at its end."""
@@ -119,11 +88,7 @@ class Hops:
         if way is None or end is None or not request.may_hop:
             return land
         left_m = routes.length_m(way)
-        lost_m = self._vain.step(here[:2], left_m)
         hop_m = self._energy.detour_worth_flying_m(0.0, 0.0)
-        self.must = lost_m >= hop_m
-        if self.must:
-            return land
         if left_m <= float(np.hypot(*(request.goal_m[:2] - here[:2]))) + hop_m:
             return land  # no hop is so cheap
         dear = dearness(land, here)
@@ -140,11 +105,11 @@ class Hops:
         """Ways at the present height to where landing and driving on are cheapest, kept for a while."""
         here, goal = request.body_pose.position_m, request.goal_m
         level = round(float(here[2]) / self._map.cell_m)
-        asked = (float(goal[0]), float(goal[1]), float(level), float(len(self._refused)))
+        asked = (float(goal[0]), float(goal[1]), float(level), float(len(self._refused)), self._late(request))
         return self._landings.of(
             asked,
             request.start_s,
-            lambda: self._to_landings(request, land, float(here[2]), dearness(land, here)),
+            lambda: self._to_landings(request, land, float(here[2]), dearness(land, here), crossed=True),
         )
 
     def may_land(self, request: PlanRequest, land: CostToGo, room: bool) -> bool:
@@ -158,6 +123,7 @@ class Hops:
         drive_m, on_m = land.cost_m(here), air.cost_m(here)
         crossed = bool(self._crossed(request, land, here[None])[0])
         may = room and crossed and math.isfinite(drive_m) and not drive_m > worth * (on_m + SETTLE_M)
+        may |= room and self._late(request)
         end = air.end(here)
         if may or end is None or float(np.hypot(*(end - here))) > AT_END_M:
             self._above_s = None
@@ -173,18 +139,30 @@ class Hops:
         What a map shows as a gap from above must not bring it down on the side that it came from; the longer
         it flies, the less it insists.
         """
-        self._aloft_s = request.start_s if self._aloft_s is None else self._aloft_s
-        more_m = MORE_M + MORE_MPS * (request.start_s - self._aloft_s)
+        if request.mode is Mode.AIR and self._aloft_s is None:
+            self._aloft_s = request.start_s
+        more_m = MORE_M
+        if self._aloft_s is not None:
+            more_m += MORE_MPS * (request.start_s - self._aloft_s)
         straight_m = np.hypot(*(places_m - request.goal_m[:2]).T)
         out: Bits = land.costs_at(places_m) <= ROUND * straight_m + more_m
         return out
 
-    def _to_landings(self, request: PlanRequest, land: CostToGo, height_m: float, dear: float) -> CostToGo:
+    def _late(self, request: PlanRequest) -> bool:
+        """Whether it has flown for so long that it comes down wherever there is room."""
+        return self._aloft_s is not None and request.start_s - self._aloft_s > ALOFT_MAX_S
+
+    def _to_landings(
+        self, request: PlanRequest, land: CostToGo, height_m: float, dear: float, *, crossed: bool = False
+    ) -> CostToGo:
+        """Ways at a height to where it may land, by `landing_offers`; `crossed`: only beyond what it hops."""
         body = self._config.body
         layer = self._map.slice_field(request.body_pose, height_m - body.below_m - UNDER_M)
         column, radius_m = column_field(self._map, self._config, request, height_m)
         offers = landing_offers(layer, land, column, radius_m, dear, self._energy, self._refused)
-        if request.mode is Mode.AIR:
+        if self._late(request):
+            offers = np.where(column.lookup(centres(layer)) > radius_m, 0.0, np.inf).reshape(offers.shape)
+        elif crossed:
             offers[~self._crossed(request, land, centres(layer)).reshape(offers.shape)] = np.inf
         return CostToGo(layer, request.goal_m[:2], self._air_hard_m, UNKNOWN_COST, offers=offers)
 

@@ -25,6 +25,7 @@ from labr_autonomy.types import Array, Mode
 UNDER_GOAL_M = 2.5  # how far from below an air goal out of the map's reach the drive may end
 ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow with ease
 NARROW_MARGIN_M = 0.01  # and so that it can follow at all
+NEARLY_M = 0.03  # a gap that is narrower than that by so much may prove wide enough from close by
 TIGHT_M = 0.12  # as near as this to obstacles leads a way when there is no other
 
 
@@ -51,8 +52,13 @@ class MapWays:
         self._memory = Memory(2.0 * CELL_M) if memory else None
         self.hops = Hops(config, seen, air_hard_m)
 
-    def on_land(self, request: PlanRequest) -> CostToGo:
-        """To a goal on land, or to where a flight to it or to one in the air is best begun."""
+    def on_land(self, request: PlanRequest, closed: tuple[Array, ...] = ()) -> CostToGo:
+        """To a goal on land, or to where a flight to it or to one in the air is best begun.
+
+        Args:
+            request: Of the cycle.
+            closed: Places (2,) that were tried in vain.
+        """
         goal = request.goal_m
 
         def search() -> CostToGo:
@@ -60,13 +66,16 @@ class MapWays:
             if self._memory is not None:
                 place_m, sure = request.body_pose.position_m, self._map.driving.surely_free()
                 self._memory.remember(self.near.coarser(), place_m, self._map.walls(), sure)
-            ways = self._search(request)
+            nearly_m = self._land_hard_m - NEARLY_M
+            ways = self._search(request, nearly_m, closed)
             if request.goal_in_air or request.mode is Mode.AIR:
                 return ways
             plan, _ = self._plan(goal)
-            return self.hops.on_land(request, plan, ways, lambda offers: self._search(request, offers=offers))
+            return self.hops.on_land(
+                request, plan, ways, lambda offers: self._search(request, nearly_m, closed, offers)
+            )
 
-        asked = float(goal[0]), float(goal[1]), float(request.mode is Mode.AIR)
+        asked = float(goal[0]), float(goal[1]), float(request.mode is Mode.AIR), float(len(closed))
         return self._land.of(asked, request.start_s, search)
 
     def through_gaps(self, request: PlanRequest, closed: tuple[Array, ...]) -> CostToGo:
@@ -121,8 +130,8 @@ class MapWays:
     def _search(
         self,
         request: PlanRequest,
-        tight_m: float | None = None,
-        closed: tuple[Array, ...] = (),
+        tight_m: float,
+        closed: tuple[Array, ...],
         offers: Array | None = None,
     ) -> CostToGo:
         goal, hard_m = request.goal_m, self._land_hard_m

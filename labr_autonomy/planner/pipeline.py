@@ -80,7 +80,7 @@ class Pipeline:
             if request.mode is Mode.LAND:
                 self._ways.hops.reset()
         self._begins = False
-        ways = self._ways.on_land(request)
+        ways = self._ways.on_land(request, self._way_out.closed)
         asked_s = now()
         network = self._first.ask(request, frame if self._asks else None, self._map)
         thought_s = now()
@@ -91,7 +91,7 @@ class Pipeline:
             followed, refined, routed_s, why = self._fly(request, network, ways)
         done_s = now()
         self._previous = refined.trajectory
-        at_once = request.mode is Mode.LAND and (self._way_out.hops or self._ways.hops.must)
+        at_once = request.mode is Mode.LAND and self._way_out.hops
         return PlanResult(
             sequence=request.sequence,
             frame_stamp_s=frame.stamp_s if frame is not None else math.nan,

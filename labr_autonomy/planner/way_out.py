@@ -65,7 +65,7 @@ class WayOut:
             return None
         way, path, gap_m = math.isfinite(ways.cost_m(here)), None, None
         if not way or self.state.action is not Action.FOLLOW:
-            tight = self._ways.of(self._asked(request), request.start_s, lambda: through(self._closed()))
+            tight = self._ways.of(self._asked(request), request.start_s, lambda: through(self.closed))
             path = tight.path(here)
             gap_m = None if path is None else tight.first_gap(path)
         facts = recovery.Facts(
@@ -74,6 +74,7 @@ class WayOut:
             way=way,
             tight_way=path is not None,
             gap_m=gap_m,
+            ahead_m=self._ahead(request, ways),
             trail=len(self._trail) > 2,
             may_hop=may_hop,
         )
@@ -89,7 +90,15 @@ class WayOut:
                 return here[None]
         return None
 
-    def _closed(self) -> tuple[Array, ...]:
+    def _ahead(self, request: PlanRequest, ways: CostToGo) -> Array | None:
+        """The first gap on the ordinary way that may prove too narrow; looked for by a robot that stands."""
+        stands = request.start_s - self.state.anchor_s > recovery.NO_WAY_S
+        way = ways.path(request.body_pose.position_m[:2]) if stands else None
+        return None if way is None else ways.first_gap(way)
+
+    @property
+    def closed(self) -> tuple[Array, ...]:
+        """Places (2,) of gaps that were tried in vain."""
         return tuple(one.place_m for one in self.state.closed)
 
     def _asked(self, request: PlanRequest) -> tuple[float, ...]:

@@ -15,7 +15,7 @@ TICK_S = 0.1
 
 
 def facts(**changes):
-    base = Facts(HERE, 0.3, way=False, tight_way=False, gap_m=None, trail=True, may_hop=False)
+    base = Facts(HERE, 0.3, way=False, tight_way=False, gap_m=None, ahead_m=None, trail=True, may_hop=False)
     return replace(base, **changes)
 
 
@@ -123,3 +123,17 @@ def test_trouble_far_behind_is_forgotten():
     run.go(0.5, way=True)
     assert run.state.tries == 0
     assert run.state.trouble_m is None
+
+
+@pytest.mark.parametrize(("away_m", "shut"), [(1.0, True), (2.5, False)])
+def test_who_stands_before_a_gap_that_proves_too_narrow_takes_another_way(away_m, shut):
+    gap = HERE + np.array([away_m, 0.0])
+    state = State()
+    for k in range(60):
+        state = recovery.step(state, facts(way=True, ahead_m=gap), 100.0 + 0.1 * k)
+        if state.action is not Action.FOLLOW:
+            break
+    assert state.action is Action.LOOK
+    assert bool(state.closed) is shut
+    if shut:
+        assert np.allclose(state.closed[0].place_m, gap)
