@@ -46,6 +46,10 @@ class EnergyModel:
         lift = self.mass_kg * GRAVITY_MPS2 * max(climb_m, 0.0) / CLIMB_EFFICIENCY
         return self.air_w * distance_m / self.air_speed_mps + lift
 
+    def metre_in_air(self) -> float:
+        """What a level metre of flying costs, in metres of driving."""
+        return self.air_j(1.0) / self.land_j(1.0)
+
     def transition_j(self) -> float:
         """Energy of one take-off and one landing [J]."""
         return self.air_w * self.transition_s

@@ -19,7 +19,7 @@ from labr_autonomy.perception.rolling_map import RollingMap
 from labr_autonomy.planner import routes
 from labr_autonomy.planner.kept_ways import KeptWays
 from labr_autonomy.planner.messages import PlanRequest
-from labr_autonomy.planner.places import AT_END_M, column_field
+from labr_autonomy.planner.places import AT_END_M, column_field, flight_layer
 from labr_autonomy.planner.take_off import offers_by_air
 from labr_autonomy.refine.search import CostToGo
 from labr_autonomy.types import Array, Mode
@@ -32,7 +32,6 @@ ALOFT_MAX_S = 15.0  # after so long it comes down wherever there is room: hoveri
 SAME_M = 0.3  # ends nearer to each other than this are one
 SETTLE_M = 0.3  # flying on must save more than so many metres of flight
 UNKNOWN_COST = 4.0  # of a hop's metres where nothing was seen: it is not flown on a guess
-UNDER_M = 0.1  # so far below the body the slice of a flight begins
 
 Again = Callable[[Array], CostToGo]
 
@@ -71,8 +70,10 @@ class Hops:
 
     def planned(self, ways: CostToGo, here_m: Array) -> bool:
         """Whether the way from here takes off at its end."""
-        goal, end = self._end, ways.end(here_m[:2])
-        return goal is not None and end is not None and float(np.hypot(*(end - goal))) > SAME_M
+        if self._end is None:
+            return False
+        end = ways.end(here_m[:2])
+        return end is not None and float(np.hypot(*(end - self._end))) > SAME_M
 
     def on_land(self, request: PlanRequest, plan: Field2, land: CostToGo, again: Again) -> CostToGo:
         """Ways to a goal on land that may end where a hop begins.
@@ -84,12 +85,12 @@ class Hops:
             again: Makes ways that end wherever driving and an offer [m of driving] are cheapest together.
         """
         here, self._end = request.body_pose.position_m, None
-        way, end = land.path(here[:2]), land.end(here[:2])
-        if way is None or end is None or not request.may_hop:
-            return land
-        left_m = routes.length_m(way)
         hop_m = self._energy.detour_worth_flying_m(0.0, 0.0)
-        if left_m <= float(np.hypot(*(request.goal_m[:2] - here[:2]))) + hop_m:
+        least_m = float(np.hypot(*(request.goal_m[:2] - here[:2]))) + hop_m
+        if not request.may_hop or land.cost_m(here[:2]) <= least_m:  # a way is no longer than it costs
+            return land
+        way, end = land.path(here[:2]), land.end(here[:2])
+        if way is None or end is None or routes.length_m(way) <= least_m:
             return land  # no hop is so cheap
         dear = dearness(land, here)
         air = self._to_landings(request, land, request.lift_to_m, dear)
@@ -119,7 +120,7 @@ class Hops:
         """
         here = request.body_pose.position_m[:2]
         air = self.in_air(request, land)
-        worth = dearness(land, here) * self._energy.air_j(1.0) / self._energy.land_j(1.0)
+        worth = dearness(land, here) * self._energy.metre_in_air()
         drive_m, on_m = land.cost_m(here), air.cost_m(here)
         crossed = bool(self._crossed(request, land, here[None])[0])
         may = room and crossed and math.isfinite(drive_m) and not drive_m > worth * (on_m + SETTLE_M)
@@ -156,8 +157,7 @@ class Hops:
         self, request: PlanRequest, land: CostToGo, height_m: float, dear: float, *, crossed: bool = False
     ) -> CostToGo:
         """Ways at a height to where it may land, by `landing_offers`; `crossed`: only beyond what it hops."""
-        body = self._config.body
-        layer = self._map.slice_field(request.body_pose, height_m - body.below_m - UNDER_M)
+        layer = flight_layer(self._map, self._config, request.body_pose, height_m)
         column, radius_m = column_field(self._map, self._config, request, height_m)
         offers = landing_offers(layer, land, column, radius_m, dear, self._energy, self._refused)
         if self._late(request):
@@ -194,7 +194,7 @@ def landing_offers(
     fits = column.lookup(middles) > radius_m
     for place in refused:
         fits &= np.hypot(*(middles - place[:2]).T) > REFUSED_M
-    worth = dear * energy.air_j(1.0) / energy.land_j(1.0)
+    worth = dear * energy.metre_in_air()
     out: Array = np.where(fits, land.costs_at(middles) / worth, np.inf).reshape(layer.distance_m.shape)
     return out
 

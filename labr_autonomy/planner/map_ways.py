@@ -17,7 +17,7 @@ from labr_autonomy.planner import routes
 from labr_autonomy.planner.hops import Hops
 from labr_autonomy.planner.kept_ways import KeptWays
 from labr_autonomy.planner.messages import PlanRequest
-from labr_autonomy.planner.places import AT_END_M, column_field
+from labr_autonomy.planner.places import AT_END_M, UNDER_M, column_field, flight_layer
 from labr_autonomy.planner.take_off import offers_by_air
 from labr_autonomy.refine.search import GOAL_SNAP_M, CostToGo
 from labr_autonomy.types import Array, Mode
@@ -84,13 +84,12 @@ class MapWays:
 
     def in_air(self, request: PlanRequest, goal_m: Array, height_m: float) -> CostToGo:
         """At a height of the body in odom, as if the robot drove there."""
-        floor_m = height_m - self._config.body.below_m - 0.1
 
         def search() -> CostToGo:
-            layer = self._map.slice_field(request.body_pose, floor_m)
+            layer = flight_layer(self._map, self._config, request.body_pose, height_m)
             return CostToGo(layer, goal_m[:2], self._air_hard_m)
 
-        level = round(floor_m / self._map.cell_m)
+        level = round((height_m - self._config.body.below_m - UNDER_M) / self._map.cell_m)
         return self._air.of((float(goal_m[0]), float(goal_m[1]), level), request.start_s, search)
 
     def hop_planned(self, request: PlanRequest, ways: CostToGo) -> bool:

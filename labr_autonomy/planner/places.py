@@ -16,6 +16,7 @@ from labr_autonomy.planner.messages import PlanRequest
 from labr_autonomy.types import Mode, Pose
 
 AT_END_M = 0.35
+UNDER_M = 0.1  # so far below the body the slice for a level flight begins
 FLOOR_M = 0.1  # the column begins this high above the floor
 FLOOR_NOISE_M = 0.085  # returns of a floor seen from the air lie up to so much above its fitted plane
 RISEN_M = 0.01  # a floor that lies higher than this above where the robot took off has risen
@@ -75,3 +76,8 @@ def column_field(
     """
     field = seen.column_field(*column_m(config, request, up_to_m))
     return field, column_radius_m(config) + seen.cell_m * math.sqrt(0.5)
+
+
+def flight_layer(seen: RollingMap, config: RobotConfig, pose: Pose, height_m: float) -> Field2:
+    """The slice of the map for level flights with the body at a height, odom."""
+    return seen.slice_field(pose, height_m - config.body.below_m - UNDER_M)

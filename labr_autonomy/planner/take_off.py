@@ -34,7 +34,7 @@ def offers_by_air(
         inf where the robot would not fit in the air or could not take off, and far from below the goal.
     """
     offers = np.full(land.distance_m.shape, np.inf)
-    worth = energy.air_j(1.0) / energy.land_j(1.0)
+    worth = energy.metre_in_air()
     at = (np.asarray(goal_m[:2], float) - land.origin_m) / land.cell_m
     reach = NEAR_GOAL_M / land.cell_m
     low = np.clip(np.floor(at - reach).astype(int), 0, offers.shape)
