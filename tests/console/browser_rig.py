@@ -120,8 +120,8 @@ class Tab:
         self.page.wait_for_selector(".cockpit.is-live")
         return self
 
-    def button(self, words: str):
-        return self.page.get_by_role("button", name=words)
+    def button(self, words: str, *, exact: bool = False):
+        return self.page.get_by_role("button", name=words, exact=exact)
 
     def says(self, words: str, timeout_s: float = 20.0) -> None:
         self.page.get_by_text(words).first.wait_for(timeout=timeout_s * 1000)
@@ -130,13 +130,13 @@ class Tab:
         """Wait for a condition on the page's own state, `labr`."""
         self.page.wait_for_function(condition, timeout=timeout_s * 1000, polling=50)
 
-    def press(self, words: str, until: str) -> None:
+    def press(self, words: str, until: str, *, exact: bool = False) -> None:
         """Press a button until its effect is seen."""
         from playwright.sync_api import TimeoutError as Late
 
         def pressed(_: str) -> None:
             with contextlib.suppress(Late):  # locked for the moment
-                self.button(words).click(timeout=3000)
+                self.button(words, exact=exact).click(timeout=3000)
 
         self._repeat(pressed, until)
 

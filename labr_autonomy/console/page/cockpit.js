@@ -178,7 +178,7 @@ export default {
 
   data: () => ({
     access: "asking", role: "", page: "", words: "Waiting for the flight ...", facts: null, state: null, over: false,
-    depth: null, replay: null, now_s: 0, received_s: 0, sequence: 0, askedMs: -1e9, answer: null, answered: 0,
+    depth: null, replay: null, now_s: 0, received_s: 0, sequence: 0, going: 0, askedMs: -1e9, answer: null, answered: 0,
     picking: false, pick: { x: null, y: null, z: null }, theme: "auto", abortHold: ABORT_HOLD_S,
   }),
 
@@ -312,6 +312,7 @@ export default {
       const mine = answers.filter((a) => a[0] === this.page).sort((a, b) => a[1] - b[1]).pop();
       if (mine && mine[1] === this.sequence) {
         this.answer = { sequence: mine[1], kind: mine[2], verdict: mine[3], reason: mine[4] };
+        if (mine[1] === this.going && mine[3] === "accepted") this.pickMode();
       }
     },
 
@@ -330,6 +331,7 @@ export default {
     },
     pickMode() {
       this.picking = !this.picking;
+      this.going = 0;
       this.pick = { x: null, y: null, z: null };
       this.scene?.setPick(null);
     },
@@ -344,7 +346,7 @@ export default {
     },
     go() {
       this.ask("goto", [this.pick.x, this.pick.y, this.pick.z]);
-      this.pickMode();
+      this.going = this.sequence; // the form stays until it is accepted, so that a place refused can be mended
     },
     escape(event) {
       if (event.key !== "Escape" || event.repeat) return;
