@@ -14,6 +14,7 @@ CELL_M = 0.05
 HIT, MISS = 20, 2
 LOWEST, HIGHEST = -20, 70
 OCCUPIED = 30
+BANDS = 3  # heights, between the floor and the robot's top, whose evidence is kept apart
 NO_FLOOR = -32768  # of the heights [mm]
 DROP = 6  # worth of a place where a floor is missing
 FLOOR_SHARE = 0.3  # of a new height in a cell's
@@ -24,8 +25,27 @@ DROP_TO_M = 3.0  # and missing floors up to this one
 
 
 @compiled
-def _carve(marks: Any, touched: Any, count: int, n: int, x0: float, y0: float, x1: float, y1: float) -> int:
-    """Mark the cells between two places (cells, floats) as passed (Amanatides-Woo 1987)."""
+def band(above_m: float, top_m: float) -> int:
+    """Which of the heights a robot takes up something is at; what is outside belongs to the nearest."""
+    level = int(min(max(above_m / top_m * BANDS, 0.0), BANDS - 1.0))
+    return level
+
+
+@compiled
+def _carve(
+    marks: Any,
+    touched: Any,
+    count: int,
+    n: int,
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    above_0: float,
+    above_1: float,
+    top_m: float,
+) -> int:
+    """Mark the cells between two places (floats) as passed, at the ray's heights (Amanatides-Woo 1987)."""
     far = 1e18
     i, j = math.floor(x0), math.floor(y0)
     dx, dy = x1 - x0, y1 - y0
@@ -35,38 +55,59 @@ def _carve(marks: Any, touched: Any, count: int, n: int, x0: float, y0: float, x
     step_y = abs(1.0 / dy) if dy != 0.0 else far
     next_x = ((i + 1 - x0) if dx > 0.0 else (x0 - i)) * step_x if dx != 0.0 else far
     next_y = ((j + 1 - y0) if dy > 0.0 else (y0 - j)) * step_y if dy != 0.0 else far
+    here = band(above_0, top_m)
     while 0 <= i < n and 0 <= j < n:
-        index = i * n + j
-        if marks[index] == 0:
-            marks[index] = 1
-            touched[count] = index
-            count += 1
+        leave = min(next_x, next_y, 1.0)
+        there = band(above_0 + leave * (above_1 - above_0), top_m)
+        for k in range(min(here, there), max(here, there) + 1):
+            index = (i * n + j) * BANDS + k
+            if marks[index] == 0:
+                marks[index] = 1
+                touched[count] = index
+                count += 1
+        here = there
+        if leave >= 1.0:
+            return count
         if next_x < next_y:
-            if next_x > 1.0:
-                return count
             next_x += step_x
             i += sx
         else:
-            if next_y > 1.0:
-                return count
             next_y += step_y
             j += sy
     return count
 
 
 @compiled
-def _fill(marks: Any, touched: Any, count: int, odds: Any, spots: Any, x: float, y: float, worth: int) -> int:
+def _fill(
+    marks: Any, touched: Any, count: int, odds: Any, spots: Any, x: float, y: float, level: int, worth: int
+) -> int:
     """Add a return to the cell of a place, and its spot to the mean of the cell's returns."""
     n = odds.shape[0]
     i, j = math.floor(x), math.floor(y)
     if not (0 <= i < n and 0 <= j < n):
         return count
-    share = SPOT_SHARE if odds[i, j] > 0 or marks[i * n + j] > 1 else 1.0
+    index = (i * n + j) * BANDS
+    old = odds[i, j] > 0
+    for k in range(BANDS):
+        old |= marks[index + k] > 1
+    share = SPOT_SHARE if old else 1.0
     for axis, spot in enumerate((x - i - 0.5, y - j - 0.5)):
-        old = spots[i, j, axis]
-        spots[i, j, axis] = round(old + share * (SPOT * spot - old))
-    count = add_return(marks, touched, count, i * n + j, worth, HIT)
+        at = spots[i, j, axis]
+        spots[i, j, axis] = round(at + share * (SPOT * spot - at))
+    count = add_return(marks, touched, count, index + level, worth, HIT)
     return count
+
+
+@compiled
+def judge(bands: Any, eye: int, odds: Any) -> None:
+    """Make one evidence of that of all heights: the strongest for something, else what was seen at the eye's.
+
+    Rays that pass below a drawer or a bumper alone say nothing of what is above them.
+    """
+    for i in range(odds.shape[0]):
+        for j in range(odds.shape[1]):
+            most = max(bands[i, j, 0], bands[i, j, 1], bands[i, j, 2])
+            odds[i, j] = most if most > 0 else bands[i, j, eye]
 
 
 @compiled
@@ -119,10 +160,12 @@ def _take_return(
             fresh = floor_mm if old == NO_FLOOR else old + FLOOR_SHARE * (floor_mm - old)
             heights[i, j] = round(min(max(fresh, -32000.0), 32000.0))
     elif kind == STANDS and above_m <= top_m and run_m <= range_m:
-        count = _fill(marks, touched, count, odds, spots, x, y, return_worth(HIT, CELL_M, spread))
+        count = _fill(
+            marks, touched, count, odds, spots, x, y, band(above_m, top_m), return_worth(HIT, CELL_M, spread)
+        )
     elif kind == BELOW and above_m < -STEP_M and end * run_m <= DROP_TO_M:
         at_x, at_y = eye_x + end * (x - eye_x), eye_y + end * (y - eye_y)
-        count = _fill(marks, touched, count, odds, spots, at_x, at_y, DROP)
+        count = _fill(marks, touched, count, odds, spots, at_x, at_y, 0, DROP)
     return count
 
 
@@ -155,6 +198,7 @@ def cast(
     fx, fy, cx, cy, sigma_1 = optics
     count = 0
     ex, ey = (eye[0] - corner[0]) / CELL_M, (eye[1] - corner[1]) / CELL_M
+    height = eye[2] - corner[2]
     for v in range(sampling[1], h, sampling[0]):
         for u in range(sampling[2], w, sampling[0]):
             kind = kinds[v, u]
@@ -169,7 +213,7 @@ def cast(
             run, spread = z * flat, sigma_1 * z * z * flat
             # the floor is taken as even from the robot to the return
             above = eye[2] + z * dz - floors[v, u]
-            begin, end = _at_height(eye[2] - corner[2], above, top_m)
+            begin, end = _at_height(height, above, top_m)
             begin = max(begin, wholly_in_view(min(u, w - 1 - u), min(v, h - 1 - v), fx, fy, CELL_M) / z)
             stop = end
             if kind == STANDS and end == 1.0:
@@ -178,7 +222,17 @@ def cast(
             kx, ky = z * dx / CELL_M, z * dy / CELL_M
             if begin < stop:
                 count = _carve(
-                    marks, touched, count, n, ex + begin * kx, ey + begin * ky, ex + stop * kx, ey + stop * ky
+                    marks,
+                    touched,
+                    count,
+                    n,
+                    ex + begin * kx,
+                    ey + begin * ky,
+                    ex + stop * kx,
+                    ey + stop * ky,
+                    height + begin * (above - height),
+                    height + stop * (above - height),
+                    top_m,
                 )
             count = _take_return(
                 kind,

@@ -3,7 +3,8 @@
 Cells of half the rolling map's edge hold two things: evidence for something between the floor and the
 robot's top (log-odds, as in the rolling map), and the floor's height where it was seen. A ray's part that
 runs at the robot's height frees the cells below it; a return that stands on the floor fills its cell, and so
-does the place where a ray passes through where the floor should have been: a drop. Frame: odom; metres.
+does the place where a ray passes through where the floor should have been: a drop. Three bands of height are
+kept apart, so that rays below an overhang do not free the place that it takes up. Frame: odom; metres.
 """
 
 from __future__ import annotations
@@ -35,18 +36,20 @@ class DrivingLayer:
     Args:
         side_m: Edge of the square that moves with the robot.
         top_m: Height above the floor up to which something is in the way.
+        eye_m: Height of the camera above the floor while it drives.
     """
 
-    def __init__(self, side_m: float, top_m: float) -> None:
+    def __init__(self, side_m: float, top_m: float, eye_m: float) -> None:
         n = round(side_m / CELL_M)
-        self.odds = np.zeros((n, n), np.int8)
+        self.bands = np.zeros((n, n, kernels.BANDS), np.int8)  # evidence by height
+        self.odds = np.zeros((n, n), np.int8)  # and what follows from it; `kernels.judge`
         self.heights_mm = np.full((n, n), NO_FLOOR, np.int16)
         self.spots = np.zeros((n, n, 2), np.int8)  # mean place of a cell's returns; `point_distance`
         self.moving = Moving((n, n), CELL_M, OCCUPIED)
-        self._top_m = top_m
+        self._top_m, self._eye = top_m, kernels.band(eye_m, top_m)
         self._corner = np.zeros(2, np.int64)  # odom, in whole cells
-        self._marks = np.zeros(n * n, np.int8)
-        self._touched = np.zeros(n * n, np.int32)
+        self._marks = np.zeros(self.bands.size, np.int8)
+        self._touched = np.zeros(self.bands.size, np.int32)
         self._faded_m: Array | None = None  # where the evidence last faded
 
     @property
@@ -61,7 +64,7 @@ class DrivingLayer:
         corner = 2 * np.floor(np.asarray(place_m[:2], float) / (2.0 * CELL_M)).astype(np.int64) - n // 2
         by = corner - self._corner
         if by.any():
-            self.odds = moved(self.odds, by, 0)
+            self.bands, self.odds = moved(self.bands, by, 0), moved(self.odds, by, 0)
             self.heights_mm = moved(self.heights_mm, by, NO_FLOOR)
             self.spots = moved(self.spots, by, 0)
             self.moving.shift(by)
@@ -71,7 +74,8 @@ class DrivingLayer:
             self._faded_m = place
         elif float(np.hypot(*(place - self._faded_m))) >= FADE_M:
             self._faded_m = place
-            self.odds -= self.odds > 0
+            self.bands -= self.bands > 0
+            self._judge()
 
     def update(
         self,
@@ -124,21 +128,25 @@ class DrivingLayer:
         )
         marks = self._marks, self._touched, count
         self.moving.watch(self.odds, *marks, self.origin_m, stamp_s, eye_m, optics[4])
-        apply(self.odds.reshape(-1), self._marks, self._touched, count, MISS, LOWEST, HIGHEST)
+        apply(self.bands.reshape(-1), self._marks, self._touched, count, MISS, LOWEST, HIGHEST)
+        self._judge()
         self.moving.stamp(self.odds, self._touched, count)
         return count
 
     def clear(self, xy_m: Array, radius_m: float) -> None:
         """Mark a disc as free: the robot stands there."""
         x, y, disc = self._disc(xy_m, radius_m)
-        region = self.odds[x, y]
+        region = self.bands[x, y]
         region[disc] = np.minimum(region[disc], LOWEST)
+        self._judge(x, y)
 
     def assume_free(self, xy_m: Array, radius_m: float) -> None:
         """Mark what is unknown of a disc as free, as weakly as one ray does."""
         x, y, disc = self._disc(xy_m, radius_m)
-        region = self.odds[x, y]
-        region[disc & (region >= 0) & (region < OCCUPIED)] = -1
+        odds = self.odds[x, y]
+        region = self.bands[x, y]
+        region[disc & (odds >= 0) & (odds < OCCUPIED)] = -1
+        self._judge(x, y)
 
     def footing(self, xy_m: Array, radius_m: float) -> Footing | None:
         """How the floor round a place (2,) odom slopes; None where too little of it has been seen."""
@@ -147,6 +155,9 @@ class DrivingLayer:
         heights = np.where(part == NO_FLOOR, np.nan, 1e-3 * part)
         corner = self.origin_m + np.array([x.start, y.start]) * CELL_M
         return footing(heights, corner, CELL_M, xy_m, radius_m)
+
+    def _judge(self, x: slice = slice(None), y: slice = slice(None)) -> None:
+        kernels.judge(self.bands[x, y], self._eye, self.odds[x, y])
 
     def _disc(self, xy_m: Array, radius_m: float) -> tuple[slice, slice, NDArray[np.bool_]]:
         """Cells along x and y round a place (2,) odom, and which of them have their middle within."""

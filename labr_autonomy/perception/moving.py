@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labr_autonomy.perception.compiled import compiled
+from labr_autonomy.perception.driving_kernels import BANDS
 from labr_autonomy.perception.shift import moved
 from labr_autonomy.types import Array
 
@@ -49,8 +50,11 @@ def _surprises(
     found = 0
     for k in range(count):
         index = touched[k]
-        i, j = index // m, index % m
+        cell = index // BANDS
+        i, j = cell // m, cell % m
         if marks[index] <= 1 or odds[i, j] > SURELY_FREE:
+            continue
+        if (marks[cell * BANDS : index] > 1).any():  # counted at a lower height
             continue
         away2 = (i + 0.5 - eye[0]) ** 2 + (j + 0.5 - eye[1]) ** 2
         if away2 > eye[2] ** 2:
@@ -60,7 +64,7 @@ def _surprises(
             for b in range(max(0, j - beside), min(m, j + beside + 1)):
                 old |= odds[a, b] >= solid and since[a, b] <= before_s
         if not old and found < len(out):
-            out[found] = index
+            out[found] = cell
             found += 1
     return found
 
@@ -70,7 +74,8 @@ def _stamp(odds: Any, touched: Any, count: int, since: Any, solid: int, now_s: f
     """Note since when each touched cell has been solid."""
     m = odds.shape[1]
     for k in range(count):
-        i, j = touched[k] // m, touched[k] % m
+        cell = touched[k] // BANDS
+        i, j = cell // m, cell % m
         if odds[i, j] < solid:
             since[i, j] = np.inf
         elif since[i, j] == np.inf:
@@ -112,7 +117,7 @@ class Moving:
 
         Args:
             odds: (n, m) of the layer.
-            marks: (n * m,) what the image says of the touched cells.
+            marks: (n * m * BANDS,) what the image says of each height of the touched cells.
             touched: Their flat indices.
             count: How many.
             origin_m: (2,) lower corner, odom.

@@ -85,7 +85,8 @@ class RollingMap:
         self._touched = np.zeros(self.log_odds.size, np.int32)
         self._placed = False
         body = config.body
-        self.driving = DrivingLayer(size_m[0], body.below_m + body.above_m + LAND_HEADROOM_M)
+        top_m = body.below_m + body.above_m + LAND_HEADROOM_M
+        self.driving = DrivingLayer(size_m[0], top_m, body.below_m + config.camera.z_m)
         self.floor_z_m = 0.0
         self.frames = 0
 
@@ -374,6 +375,7 @@ def warm_up() -> None:
     frame = DepthFrame(0, 0.0, depth, Intrinsics(16, 12, 8.0, 8.0, 8.0, 6.0))
     pose = Pose(np.array([0.0, 0.0, 0.12]), np.array([1.0, 0.0, 0.0, 0.0]))
     grid.update(frame, pose, 0.0)
+    grid.clear_robot(pose)
     land, air = grid.land_field(pose, 0.0), grid.air_field(np.zeros(2))
     land.lookup(np.zeros((1, 2)))
     air.lookup(np.zeros((1, 3)))

@@ -134,7 +134,7 @@ def request(mode=Mode.LAND, goal=(5.0, 0.0, 1.4), in_air=True, yaw=0.0, start_s=
 def seen_map(wall_x_m=None, unseen_x_m=None):
     grid = RollingMap(CONFIG)
     grid.clear_robot(request().body_pose)
-    grid.log_odds[:], grid.driving.odds[:] = -20, -20
+    grid.log_odds[:], grid.driving.bands[:], grid.driving.odds[:] = -20, -20, -20
     grid.frames = 1
     for at, value in ((wall_x_m, 60), (unseen_x_m, 0)):
         if at is not None:
@@ -146,6 +146,7 @@ def put(grid, x_m, width_m, value):
     """Believe something of a strip across the whole map, on the plan for driving as well."""
     for cells, origin_m, cell_m in (
         (grid.log_odds, grid.origin_m[0], grid.cell_m),
+        (grid.driving.bands, grid.driving.origin_m[0], CELL_M),
         (grid.driving.odds, grid.driving.origin_m[0], CELL_M),
     ):
         i = int((x_m - origin_m) / cell_m)

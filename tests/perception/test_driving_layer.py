@@ -147,3 +147,18 @@ def test_gaps_between_rays_are_not_taken_for_obstacles():
     assert clear(grid.land_room(standing(), 0.0, 3.0), 1.5) > 0.5
     grid.driving.odds[middle + 30 : middle + 34, middle - 9 : middle + 9] = 0
     assert clear(grid.land_room(standing(), 0.0, 3.0), 1.6) < 0.0
+
+
+@pytest.mark.parametrize("gap_m", [0.06, 0.09])
+def test_rays_below_a_drawer_do_not_free_its_place(gap_m):
+    """As the robot passes, its front leaves the image and the floor beneath it stays in view."""
+    drawer, wall = box([1.2, 0.35, gap_m], [1.9, 0.75, 0.66]), box([4.0, -9.0, 0.0], [4.1, 9.0, 2.0])
+    rng, grid = np.random.default_rng(4), RollingMap(CONFIG)
+    for k, x in enumerate(np.arange(0.0, 1.0, 0.03)):
+        at = standing(float(x), yaw=0.4)
+        grid.update(DepthFrame(k, 0.1 * k, seen([LEVEL, drawer, wall], at, rng), OPTICS), at, 0.0)
+    room = grid.land_room(standing(1.0), 0.0, 3.0)
+    within = np.array([[x, y] for x in np.arange(1.25, 1.7, 0.05) for y in np.arange(0.4, 0.7, 0.05)])
+    assert (room.lookup(within) < 0.03).all()
+    assert clear(grid.land_field(standing(1.0), 0.0), 1.25, 0.35) < 0.06  # the corner it would touch
+    assert clear(room, 1.5, 0.0) > 0.2  # and beside it there is room

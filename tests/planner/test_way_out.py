@@ -24,12 +24,12 @@ def walled_in(gap_m=0.0, roof=False):
     grid = pipeline._map
     grid.clear_robot(Pose(HERE, np.array([1.0, 0.0, 0.0, 0.0])))
     layer = grid.driving
-    layer.odds[:] = -20
+    layer.bands[:], layer.odds[:] = -20, -20
     n = len(layer.odds)
     x, y = ((np.arange(n) + 0.5) * CELL_M + layer.origin_m[k] for k in (0, 1))
     away = np.hypot(x[:, None], y[None])
     ring = (away > 1.2) & (away < 1.35) & ~((np.abs(y)[None] < 0.5 * gap_m) & (x > 0.0)[:, None])
-    layer.odds[ring] = 60
+    layer.bands[ring], layer.odds[ring] = 60, 60
     if roof:
         grid.log_odds[:, :, 10:14] = 60
     return pipeline
