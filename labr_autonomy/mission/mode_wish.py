@@ -91,5 +91,6 @@ def _facts(at: Situation, step: Step, odometry: Odometry) -> decision.Facts | No
         land_path_ends=plan.land_path_ends,
         take_off_clear=plan.take_off_clear,
         landing_clear=plan.landing_clear,
+        speed_mps=float(np.hypot(*odometry.velocity_mps[:2])),
         hop=plan.hop,
     )

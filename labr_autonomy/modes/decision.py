@@ -2,7 +2,8 @@
 
 The paper's rule is that the robot drives until it is close to an air goal and the key points reach a
 certain height. Here the height comes from the key points and "close" from energy: it goes on driving
-while that still saves more than `SAVING_MIN_J`.
+while that still saves more than `SAVING_MIN_J`, and while it still rolls towards the end of its way: the last
+decimetres cost next to nothing on wheels, and a second of flight.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from labr_autonomy.types import Array, Mode
 AIR_HEIGHT_M = 0.25  # a key point higher than this above driving height is flown to
 SAVING_MIN_J = 150.0  # driving on must save at least this; about 0.4 m with the default powers
 CONFIRM_S = 0.3  # the same wish must last this long
+ROLLS_MPS = 0.3  # faster than this it has not come to the end of its way; it stops within 5 cm
 DWELL_S = 2.0  # and the last switch must be this long ago
 
 
@@ -31,6 +33,7 @@ class Facts:
     land_path_ends: bool  # no way on by land towards the place under the goal
     take_off_clear: bool  # room for the rotors here and above
     landing_clear: bool  # room to come down here
+    speed_mps: float = 0.0  # over the floor
     hop: bool = False  # the planned way changes the mode again before the goal
 
 
@@ -66,7 +69,7 @@ def wish(facts: Facts, energy: EnergyModel) -> Mode:
         down = facts.hop or not facts.goal_in_air
         return Mode.LAND if down and facts.landing_clear else Mode.AIR
     up = facts.hop or facts.goal_in_air
-    if not up or not facts.take_off_clear:
+    if not up or not facts.take_off_clear or facts.speed_mps > ROLLS_MPS:
         return Mode.LAND
     drivable_m = min(facts.lift_off_m, facts.goal_distance_xy_m)
     saving_j = energy.air_j(drivable_m) - energy.land_j(drivable_m)
