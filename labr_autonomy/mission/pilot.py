@@ -368,6 +368,7 @@ class Pilot:
             lift_to_m=self.lift_to_m(step),
             fresh=self._following.course.wants_fresh(),
             may_hop=self._may_hop(step),
+            follow=self.planning_mode is not None,
         )
 
     def _may_hop(self, step: Step | None) -> bool:

@@ -39,6 +39,7 @@ class PlanRequest:
     lift_to_m: float  # height in odom that a take-off here would climb to
     fresh: bool = False  # forget the previous trajectory (after a hold or a mode change)
     may_hop: bool = True  # policy and battery allow flying over what is in the way of a goal on land
+    follow: bool = True  # a trajectory is wanted; while wheels and rotors change over it is not
     probe_m: Array | None = None  # (3,) odom, a place on the floor: could the robot drive there?
 
 

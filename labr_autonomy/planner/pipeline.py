@@ -85,7 +85,14 @@ class Pipeline:
         network = self._first.ask(request, frame if self._asks else None, self._map)
         thought_s = now()
         room_above = self._column_clear(request, request.lift_to_m)
-        if request.mode is Mode.LAND:
+        if not request.follow:
+            followed, refined, routed_s, why = (
+                None,
+                self._wait(request),
+                now(),
+                "wheels and rotors change over",
+            )
+        elif request.mode is Mode.LAND:
             followed, refined, routed_s, why = self._drive(request, network, ways, room_above)
         else:
             followed, refined, routed_s, why = self._fly(request, network, ways)
@@ -222,6 +229,13 @@ class Pipeline:
         return self._ways.hops.may_land(request, ways, room)
 
     # ------------------------------------------------------------------ second stage, in the air
+    def _wait(self, request: PlanRequest) -> RefineResult:
+        """To rest: nobody follows it."""
+        motion = request.motion
+        state = AirState(motion.position_m, motion.velocity_mps, motion.acceleration_mps2, motion.yaw_rad)
+        trajectory = self._refiner.brake_air(state, request.start_s)
+        return RefineResult(trajectory, Source.BRAKE, math.nan, True, "", 0.0)
+
     def _fly(
         self, request: PlanRequest, network: KeyPoints, ways: CostToGo
     ) -> tuple[KeyPoints | None, RefineResult, float, str]:

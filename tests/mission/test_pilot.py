@@ -138,6 +138,7 @@ class Robot:
         pose = Pose(self.position.copy(), quaternion_from_rpy(0, 0, self.yaw))
         odometry = Odometry(self.now_s, pose, self.velocity, np.zeros(3), np.eye(6) * 1e-4)
         request = self.pilot.request(1, 1, pose, odometry, self.now_s)
+        assert request.follow is (self.pilot.transition.phase in (Phase.DRIVING, Phase.FLYING))
         start, goal = request.motion.position_m, np.array(request.goal_m, float)
         goal[2] = start[2] if request.mode is Mode.LAND or not request.goal_in_air else goal[2]
         way = float(np.linalg.norm(goal - start))

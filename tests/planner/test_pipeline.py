@@ -131,6 +131,16 @@ def test_a_path_with_mu_of_one_half_is_not_used(eye, pipeline, monkeypatch):
 
 
 @pytest.mark.slow
+def test_while_wheels_and_rotors_change_over_the_map_grows_and_no_path_is_looked_for(eye, pipeline):
+    robot = Ideal(START)
+    request = replace(robot.request(1, 0.1, Mode.AIR, AIR_GOAL, True), follow=False)
+    result = pipeline.cycle(request, DepthFrame(1, 0.1, eye.look(robot.pose), CONFIG.camera.intrinsics))
+    assert (result.followed, result.source) == (None, Source.BRAKE)
+    assert result.take_off_clear
+    assert pipeline._map.frames == 1
+    assert pipeline.cycle(replace(request, follow=True), None).followed is not None
+
+
 def test_without_a_frame_the_network_is_not_used(pipeline):
     robot = Ideal(START)
     result = pipeline.cycle(robot.request(1, 1.0, Mode.LAND, LAND_GOAL, False), None)
