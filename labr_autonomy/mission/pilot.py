@@ -207,6 +207,7 @@ class Pilot:
             speed_mps=float(np.linalg.norm(look.odometry.velocity_mps)),
             mode=self.mode,
             settled=self.transition.phase in (Phase.DRIVING, Phase.FLYING),
+            nearest=free and self._facts is not None and self._facts.nearest,
             stuck=free and self._facts is not None and self._facts.stuck,
         )
         index = self.steps.index

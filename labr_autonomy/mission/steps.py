@@ -13,6 +13,8 @@ from labr_autonomy.types import Array, Mode
 
 REST_MPS = 0.15  # slower than this counts as standing at the goal
 REST_S = 0.4  # and it must last this long
+BESIDE_M = 0.6  # as near as this a goal that has no room for the robot counts as reached ...
+BESIDE_S = 2.0  # ... once the robot has stood for so long where it gets no nearer
 
 
 class Kind(enum.Enum):
@@ -81,6 +83,7 @@ class Inputs:
     speed_mps: float
     mode: Mode
     settled: bool  # driving or flying, not in between
+    nearest: bool = False  # on wheels, at the end of the way there
     stuck: bool = False  # the planner has tried everything
 
 
@@ -111,7 +114,8 @@ def _at_goal(step: Step, i: Inputs) -> bool:
             return i.settled and i.mode is Mode.LAND
         case Kind.GOTO:
             right_mode = i.mode is (Mode.AIR if step.in_air else Mode.LAND) and i.settled
-            near = goal_distance_m(step, i.position_m) <= step.accept_m
+            distance_m = goal_distance_m(step, i.position_m)
+            near = distance_m <= step.accept_m or (i.nearest and not step.in_air and distance_m <= BESIDE_M)
             return right_mode and near and i.speed_mps <= REST_MPS
 
 
@@ -126,8 +130,10 @@ def step(state: State, steps: Sequence[Step], i: Inputs, now_s: float) -> tuple[
         return _next(state, steps, current, now_s)
     if _at_goal(current, i):
         since_s = now_s if state.rest_since_s is None else state.rest_since_s
-        if now_s - since_s >= REST_S:
-            return _next(state, steps, current, now_s)
+        beside = current.kind is Kind.GOTO and distance > current.accept_m
+        if now_s - since_s >= (BESIDE_S if beside else REST_S):
+            how = f", {distance:.2f} m off: as near as there is room for the robot" if beside else ""
+            return _next(state, steps, current, now_s, how)
         return replace(state, rest_since_s=since_s), Outputs(current, distance)
     if now_s - state.entered_s > current.timeout_s:
         return _failed(state, current, f"not reached within {current.timeout_s:.0f} s", distance, now_s)
@@ -138,11 +144,13 @@ def step(state: State, steps: Sequence[Step], i: Inputs, now_s: float) -> tuple[
     return replace(state, rest_since_s=None), Outputs(current, distance)
 
 
-def _next(state: State, steps: Sequence[Step], current: Step, now_s: float) -> tuple[State, Outputs]:
+def _next(
+    state: State, steps: Sequence[Step], current: Step, now_s: float, how: str = ""
+) -> tuple[State, Outputs]:
     index = state.index + 1
     done = index >= len(steps)
     following = None if done else steps[index]
-    say = f"{current.label}: done" + (f"; next {following.label}" if following else "; mission complete")
+    say = f"{current.label}: done{how}" + (f"; next {following.label}" if following else "; mission complete")
     status = Status.DONE if done else Status.RUNNING
     return State(index, now_s, None, status), Outputs(following, 0.0, reached=current, say=say)
 

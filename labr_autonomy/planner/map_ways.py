@@ -26,6 +26,7 @@ UNDER_GOAL_M = 2.5  # how far from below an air goal out of the map's reach the 
 ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow with ease
 NARROW_MARGIN_M = 0.01  # and so that it can follow at all
 NEARLY_M = 0.03  # a gap that is narrower than that by so much may prove wide enough from close by
+NEAREST_M = 0.2  # of the end of a way the refiner stops
 TIGHT_M = 0.12  # as near as this to obstacles leads a way when there is no other
 
 
@@ -108,6 +109,14 @@ class MapWays:
         leaves = request.goal_in_air or self.hop_planned(request, ways)
         end = ways.end(here) if leaves else None
         return end is not None and float(np.hypot(*(end - here))) < AT_END_M
+
+    def nearest(self, request: PlanRequest, ways: CostToGo) -> bool:
+        """Whether it is where the way to a goal on land ends: there, or as near as there is room for it."""
+        here = request.body_pose.position_m[:2]
+        if request.mode is not Mode.LAND or request.goal_in_air or self.hop_planned(request, ways):
+            return False
+        end = ways.end(here)
+        return end is not None and float(np.hypot(*(end - here))) < NEAREST_M
 
     def probe(self, request: PlanRequest) -> str | None:
         """Whether the wheels could get to the place that is asked about, as far as the map knows."""

@@ -72,6 +72,7 @@ class PlanResult:
     landing_clear: bool
     timings: Timings
     hop: bool = False  # the way to a goal on land leaves the floor, or that to one in the air comes down
+    nearest: bool = False  # it stands where the way to a goal on land ends: no nearer place has room for it
     stuck: bool = False  # everything was tried: it gets no farther
     probe: str | None = None  # why there is no way to the request's `probe_m`, "" when there is one
     map_xy_m: NDArray[np.float32] | None = field(default=None)  # (n, 2) obstacle cells, now and then

@@ -113,6 +113,7 @@ class Pipeline:
             take_off_clear=room_above,
             landing_clear=self._may_land(request, ways),
             hop=at_once or self._ways.hop_planned(request, ways),
+            nearest=self._ways.nearest(request, ways),
             stuck=request.mode is Mode.LAND and self._way_out.given_up,
             timings=Timings(
                 mapped_s - began_s,

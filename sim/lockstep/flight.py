@@ -40,7 +40,7 @@ LOOK_TICKS = 1  # from exposure to request: the camera's transfer
 THINK_TICKS = 3  # from request to plan: 60 ms, the planner's median cycle beside a running flight
 DEPTH_AGE_S = 0.04  # age of the newest image of a 30 Hz stream
 TRACK_EVERY = 10  # ticks
-ACCEPT_M = 0.25  # the mission file's default
+ACCEPT_M = 0.25  # stricter than a mission file's default
 STUCK_S, STUCK_M = 45.0, 0.5  # who has not left a circle of this radius for so long will not arrive
 
 

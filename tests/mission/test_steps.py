@@ -1,5 +1,7 @@
 """Mission steps: reached, waited for, timed out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,19 @@ def test_a_land_goal_is_not_reached(look):
     state, _, reached = run([LAND_GOAL], [look] * 20)
     assert state.status is Status.RUNNING
     assert not reached
+
+
+def test_a_goal_without_room_is_reached_as_near_as_there_is_room():
+    beside = replace(at(2.6), nearest=True)
+    looks = [beside] * 25
+    assert not run([LAND_GOAL], looks[:20])[2]  # it stands for a while first
+    state, _, reached = run([LAND_GOAL], looks)
+    assert (state.status, reached) == (Status.DONE, ["a"])
+    said = step(State(rest_since_s=0.0), [LAND_GOAL], beside, 2.1)[1].say
+    assert said == "a: done, 0.40 m off: as near as there is room for the robot; mission complete"
+    assert not run([LAND_GOAL], [at(2.6)] * 40)[2]  # there is room nearer by
+    assert not run([LAND_GOAL], [replace(at(2.3), nearest=True)] * 40)[2]
+    assert not run([AIR_GOAL], [replace(at(2.6, 1.5, Mode.AIR), nearest=True)] * 40)[2]
 
 
 def test_an_air_goal_is_reached_in_the_air_only():
