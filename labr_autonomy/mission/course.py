@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from labr_autonomy.frames import yaw_of
+from labr_autonomy.frames import wrap_pi, yaw_of
 from labr_autonomy.modes.vertical import vertical
 from labr_autonomy.planner.messages import Motion
 from labr_autonomy.types import Array, Mode, Odometry, SetPoint, Trajectory
@@ -43,10 +43,19 @@ class Course:
         self.drop()
         self._hold = _rest(place.position_m, place.yaw_rad, now_s)
 
-    def climb(self, to_z_m: float, speed_mps: float, now_s: float) -> None:
-        """Go straight up or down from the present set-point."""
+    def climb(
+        self,
+        to_z_m: float,
+        speed_mps: float,
+        now_s: float,
+        heading_rad: float = math.nan,
+        yaw_rate_rps: float = 1.0,
+    ) -> None:
+        """Go straight up or down from the present set-point, turning to a heading unless it is NaN."""
         start = self.air(now_s)
-        self.trajectory = vertical(start.position_m, start.yaw_rad, to_z_m, speed_mps, now_s)
+        turn_rad = 0.0 if math.isnan(heading_rad) else wrap_pi(heading_rad - start.yaw_rad)
+        turn = (turn_rad, yaw_rate_rps)
+        self.trajectory = vertical(start.position_m, start.yaw_rad, to_z_m, speed_mps, now_s, turn)
         self._hold = None
         self._fresh = True
 

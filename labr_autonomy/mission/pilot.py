@@ -260,19 +260,20 @@ class Pilot:
         if outputs.command is Command.LAND:
             self._commanded_land = True
         if self.transition.phase is not before:
-            self._enter(self.transition.phase, before, look.odometry, step, now_s, events)
+            self._enter(self.transition.phase, before, look, step, now_s, events)
         return outputs
 
     def _enter(
         self,
         phase: Phase,
         before: Phase,
-        odometry: Odometry,
+        look: Look,
         step: Step | None,
         now_s: float,
         events: list[str],
     ) -> None:
-        course, air = self._following.course, self._config.air
+        course, air, odometry, facts = self._following.course, self._config.air, look.odometry, self._facts
+        assert odometry is not None
         match phase:
             case Phase.DRIVING:
                 course.drop()
@@ -285,7 +286,8 @@ class Pilot:
             case Phase.LIFTING:
                 self._refused = 0
                 self.take_off_m = self.lift_to_m(step) - self._drive_z_m
-                course.climb(self.lift_to_m(step), air.climb_mps, now_s)
+                heading_rad = math.nan if facts is None or look.lifts_by_command else facts.depart_rad
+                course.climb(self.lift_to_m(step), air.climb_mps, now_s, heading_rad, air.yaw_rate_rps)
             case Phase.FLYING:
                 course.hold_reference(now_s)
                 self._commanded_land = False

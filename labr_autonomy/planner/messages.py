@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -71,6 +72,7 @@ class PlanResult:
     take_off_clear: bool
     landing_clear: bool
     timings: Timings
+    depart_rad: float = math.nan  # odom, where a flight from here would begin to go; while it takes off
     hop: bool = False  # the way to a goal on land leaves the floor, or that to one in the air comes down
     nearest: bool = False  # it stands where the way to a goal on land ends: no nearer place has room for it
     stuck: bool = False  # everything was tried: it gets no farther

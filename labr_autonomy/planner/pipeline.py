@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,6 +32,7 @@ LAND_HALF_M = 4.5  # of the map that a trajectory is checked against
 FIELD_HALF_M = (3.5, 3.5)
 RING_M = 0.25  # about a robot that begins to drive the floor is taken for free: the camera cannot see it
 MAP_EVERY_S = 1.0
+DEPART_M = 0.3  # a flight that goes no farther than this needs no turn
 
 
 class Pipeline:
@@ -112,6 +114,7 @@ class Pipeline:
             land_path_ends=at_once or self._ways.drive_ends(request, ways),
             take_off_clear=room_above,
             landing_clear=self._may_land(request, ways),
+            depart_rad=math.nan if request.follow else self._depart_rad(request, ways),
             hop=at_once or self._ways.hop_planned(request, ways),
             nearest=self._ways.nearest(request, ways),
             stuck=request.mode is Mode.LAND and self._way_out.given_up,
@@ -230,6 +233,32 @@ class Pipeline:
         return self._ways.hops.may_land(request, ways, room)
 
     # ------------------------------------------------------------------ second stage, in the air
+    def _air_way(
+        self, request: PlanRequest, network: KeyPoints, ways: CostToGo, space: Field3
+    ) -> tuple[Array, Source, str]:
+        """Key points of a flight to a goal in the air, or to where it comes down for one on land."""
+        here, goal, over = request.motion.position_m, np.array(request.goal_m, dtype=float), None
+        if not request.goal_in_air:
+            over = self._ways.hops.in_air(request, ways)
+            end = over.end(here[:2])
+            goal = np.array([*(goal[:2] if end is None else end), here[2]])
+        return self._air_points(request, network, goal, space, over)
+
+    def _depart_rad(self, request: PlanRequest, ways: CostToGo) -> float:
+        """Where a flight would go at first, once it is as high as it climbs here; NaN if not far."""
+        up = np.array([*request.body_pose.position_m[:2], request.lift_to_m])
+        raised = replace(
+            request,
+            body_pose=replace(request.body_pose, position_m=up),
+            motion=replace(request.motion, position_m=up),
+        )
+        space = self._map.air_field(up, FIELD_HALF_M)
+        unsure = KeyPoints(up[None], np.ones(1, bool), 1.0, Source.GKPN)
+        points, _, _ = self._air_way(raised, unsure, ways, space)
+        away = points[:, :2] - up[:2]
+        far = np.flatnonzero(np.hypot(*away.T) > DEPART_M)
+        return math.atan2(away[far[0], 1], away[far[0], 0]) if len(far) else math.nan
+
     def _wait(self, request: PlanRequest) -> RefineResult:
         """To rest: nobody follows it."""
         motion = request.motion
@@ -242,13 +271,8 @@ class Pipeline:
     ) -> tuple[KeyPoints | None, RefineResult, float, str]:
         motion = request.motion
         here = motion.position_m
-        goal, over = np.array(request.goal_m, dtype=float), None
-        if not request.goal_in_air:
-            over = self._ways.hops.in_air(request, ways)
-            end = over.end(here[:2])
-            goal = np.array([*(goal[:2] if end is None else end), here[2]])
         space = self._map.air_field(here, FIELD_HALF_M)
-        points, source, why = self._air_points(request, network, goal, space, over)
+        points, source, why = self._air_way(request, network, ways, space)
         routed_s = self._clock.now_s()
         state = AirState(here, motion.velocity_mps, motion.acceleration_mps2, motion.yaw_rad)
         refined = self._refiner.air(
@@ -286,9 +310,12 @@ class Pipeline:
         why = "at the goal" if near else routes.objection(evidence)
         if over is not None:  # the network was asked for the goal, not for where to land
             why = "to where it lands"
+        straight = near or free_m(goal[None]) >= 0.0
+        if straight and not why and self._seen_through(space, here, goal):
+            why = "straight through what was seen to be free"
         if not why:
             return points, Source.GKPN, ""
-        if near or free_m(goal[None]) >= 0.0:
+        if straight:
             return goal[None], Source.DIRECT, why
         way = (over or self._ways.in_air(request, goal, float(here[2]))).path(here[:2])
         if way is None:
@@ -297,6 +324,12 @@ class Pipeline:
         rise = np.linspace(0.0, 1.0, len(keys) + 1)[1:]
         around = np.column_stack([keys[:, :2], here[2] + rise * (goal[2] - here[2])])
         return around, Source.SEARCH, why
+
+    @staticmethod
+    def _seen_through(space: Field3, here: Array, goal: Array) -> bool:
+        """Whether the map has seen all of the straight way: there is nothing to guess."""
+        line = routes.densify(np.vstack([here, goal]))
+        return bool(space.is_known(line).all())
 
     # ------------------------------------------------------------------ places to take off and land
     def _column_clear(self, request: PlanRequest, up_to_m: float) -> bool:

@@ -46,6 +46,7 @@ class Robot:
         self.plans = True
         self.landing_clear = self.take_off_clear = True
         self.stuck = False
+        self.depart_rad = math.nan
         self.health = {}
         self.order = Order.FLY
         self.actions = None
@@ -166,6 +167,7 @@ class Robot:
             PlanResult(
                 1, self.now_s - 0.05, plan, points, points, Source.GKPN, 1.0, "", lift, False,
                 self.take_off_clear, self.landing_clear, Timings(), stuck=self.stuck,
+                depart_rad=self.depart_rad,
             ),
             self.now_s,
         )  # fmt: skip
@@ -188,6 +190,16 @@ def test_a_mission_drives_flies_lands_and_drives_home():
         Phase.DESCENDING, Phase.SETTLING, Phase.DISARMING, Phase.DRIVING,
     ]  # fmt: skip
     assert np.hypot(*robot.position[:2]) < 0.3
+
+
+@pytest.mark.parametrize("by_command", [False, True], ids=["by set-points", "by command"])
+def test_it_turns_towards_where_it_will_fly_while_it_climbs(by_command):
+    robot = Robot(AIR_GOAL)
+    robot.lifts_by_command, robot.depart_rad = by_command, 1.3
+    robot.run(60, until=lambda r: r.actions and r.actions.phase is Phase.LIFTING)
+    before = robot.yaw
+    robot.run(30, until=lambda r: r.actions.phase is Phase.FLYING)
+    assert robot.yaw == pytest.approx(before if by_command else 1.3, abs=0.05)  # the autopilot's own climb
 
 
 def test_it_does_not_come_down_where_there_is_no_room():

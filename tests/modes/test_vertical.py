@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labr_autonomy.modes.vertical import ACCELERATION_MPS2, vertical
+from labr_autonomy.modes.vertical import ACCELERATION_MPS2, CLEAR_M, vertical
 
 
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(0.1, 1.5))
@@ -22,3 +22,15 @@ def test_speed_is_the_derivative_of_the_height():
     t = vertical(np.zeros(3), 0.0, 2.0, 0.6, 0.0)
     moved = np.diff(t.position_m[:-1, 2]) / t.step_s
     assert moved == pytest.approx(0.5 * (t.velocity_mps[1:-1, 2] + t.velocity_mps[:-2, 2]), abs=0.02)
+
+
+@pytest.mark.parametrize("turn_rad", [-2.5, 0.4, 3.1])
+def test_a_climb_turns_once_it_is_clear_of_the_floor(turn_rad):
+    t = vertical(np.zeros(3), 0.5, 1.5, 0.8, 0.0, (turn_rad, 1.2))
+    low = t.position_m[:, 2] < CLEAR_M - 0.02
+    assert t.yaw_rad[low] == pytest.approx(0.5)
+    assert t.yaw_rad[-1] == pytest.approx(0.5 + turn_rad)
+    assert (t.yaw_rate_rps[-1], t.position_m[-1, 2]) == pytest.approx((0.0, 1.5), abs=1e-6)
+    assert np.abs(t.yaw_rate_rps).max() <= 1.2 + 1e-9
+    turned = np.diff(t.yaw_rad[:-1]) / t.step_s
+    assert turned == pytest.approx(0.5 * (t.yaw_rate_rps[1:-1] + t.yaw_rate_rps[:-2]), abs=0.06)

@@ -11,7 +11,7 @@ from labr_autonomy.frames import quaternion_from_rpy
 from labr_autonomy.perception.fields import Field2
 from labr_autonomy.planner.messages import Motion, PlanRequest
 from labr_autonomy.planner.pipeline import Pipeline
-from labr_autonomy.types import DepthFrame, Mode, Pose, Source
+from labr_autonomy.types import DepthFrame, KeyPoints, Mode, Pose, Source
 from sim.camera.process import Eye
 from sim.camera.renderer import make_renderer
 from sim.worlds.solids import generate
@@ -138,7 +138,24 @@ def test_while_wheels_and_rotors_change_over_the_map_grows_and_no_path_is_looked
     assert (result.followed, result.source) == (None, Source.BRAKE)
     assert result.take_off_clear
     assert pipeline._map.frames == 1
+    away = np.subtract(AIR_GOAL, START)
+    assert result.depart_rad == pytest.approx(math.atan2(away[1], away[0]), abs=0.5)
     assert pipeline.cycle(replace(request, follow=True), None).followed is not None
+
+
+def test_a_flight_goes_straight_where_the_map_has_seen_all_of_the_way(eye, pipeline, monkeypatch):
+    """Whatever the network would do."""
+    aside = KeyPoints(np.array([[-3.0, 1.5, 1.0], [-2.0, 1.0, 1.0]]), np.ones(2, bool), 0.0, Source.GKPN)
+    monkeypatch.setattr(pipeline._first, "ask", lambda *_: aside)
+    robot = Ideal((*START[:2], 1.0))
+    image = eye.look(robot.pose)
+    for k in range(1, 6):
+        frame = DepthFrame(k, 0.1 * k, image, CONFIG.camera.intrinsics)
+        near = pipeline.cycle(robot.request(k, 0.1 * k, Mode.AIR, (-2.5, 0.0, 1.0), True), frame)
+    far = pipeline.cycle(robot.request(6, 0.6, Mode.AIR, (-2.5, 4.0, 1.0), True), None)
+    assert near.source is Source.DIRECT
+    assert "seen to be free" in near.reason
+    assert "seen to be free" not in far.reason
 
 
 def test_without_a_frame_the_network_is_not_used(pipeline):
