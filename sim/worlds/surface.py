@@ -29,7 +29,8 @@ _CELL_M = 0.25
 _COLUMNS_MAX = 800
 _JITTER_M = 1e-3  # rays beside the edge that two triangles share, where a single ray can slip through
 _MARGIN_M = 1e-4
-_BESIDE_M = np.array([_JITTER_M, 0.3 * _JITTER_M], dtype=np.float32)
+# A ray slips through within half a millimetre of the seam of slabs of 30 m: these two cannot both.
+_BESIDE_M = np.array([[3.0, 1.0], [-1.0, 3.0]], dtype=np.float32) * np.float32(_JITTER_M)
 _SLOPE_BASE_M = 0.12  # about half the wheels' base
 LEVEL = (0.0, 0.0)
 
@@ -188,27 +189,23 @@ class Surface:
             z_m: (n,) or one height from which to look down.
         """
         n = len(points_m)
-        origins = np.empty((2 * n, 3), dtype=np.float32)
-        origins[:n, :2] = points_m
-        origins[n:, :2] = points_m + _BESIDE_M
-        origins[:n, 2] = z_m
-        origins[n:, 2] = origins[:n, 2]
-        origins[:, 2] += _JITTER_M
-        down = np.zeros((2 * n, 3), dtype=np.float32)
+        origins = np.empty((3, n, 3), dtype=np.float32)
+        origins[:, :, :2] = points_m
+        origins[1:, :, :2] += _BESIDE_M[:, None]
+        origins[:, :, 2] = z_m + _JITTER_M
+        down = np.zeros((3 * n, 3), dtype=np.float32)
         down[:, 2] = -1.0
-        distance, _ = self._rays.first(origins, down)
-        heights = origins[:, 2].astype(np.float64) - distance
-        # The ray beside counts only where the first has slipped through a seam: on a slope it is off.
-        straight, beside = heights[:n], heights[n:]
-        out: Array = np.where(beside > straight + 2.0 * _JITTER_M, beside, straight)
+        flat = origins.reshape(-1, 3)
+        distance, _ = self._rays.first(flat, down)
+        straight, *others = (flat[:, 2].astype(np.float64) - distance).reshape(3, n)
+        # Rays beside count only where the first has slipped through a seam: on a slope they are off.
+        beside = np.maximum(*others)
+        out: Array = np.where(beside > straight + 4.0 * _JITTER_M, beside, straight)
         return out
 
     def floor_below(self, x_m: float, y_m: float, z_m: float) -> float:
         """Height of the highest surface at or below a point [m, odom]; -inf where there is none."""
-        jitter = np.array([[0.0, 0.0], [1.0, 0.3], [-0.7, 0.8], [-0.4, -1.0]]) * _JITTER_M
-        origins = np.column_stack([jitter + np.array([x_m, y_m]), np.full(len(jitter), z_m + _JITTER_M)])
-        distance, _ = self._rays.first(origins, np.tile([0.0, 0.0, -1.0], (len(jitter), 1)))
-        return float(z_m + _JITTER_M - distance.min())
+        return float(self.floors_below(np.array([[x_m, y_m]]), z_m)[0])
 
     def sees(self, from_m: Array, to_m: Array) -> bool:
         """Whether the straight segment between two points (3,) meets no surface."""

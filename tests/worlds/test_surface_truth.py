@@ -163,6 +163,14 @@ def test_floor_below(room):
     )
 
 
+def test_no_ray_falls_through_the_seam_of_two_slabs():
+    """Of a parking deck: single precision leaves a gap of a millimetre between triangles of 30 m."""
+    deck = build_world({"family": "garage", "size_m": [30.0, 24.0], "difficulty": 0.5}, seed=0)
+    slabs, ys = Surface(deck), -8.6 + np.arange(-0.004, 0.004, 1e-4)
+    floors = slabs.floors_below(np.column_stack([np.full(len(ys), -11.5), ys]), 2.7)
+    assert floors == pytest.approx(2.602, abs=1e-3)
+
+
 def test_inside_a_solid(room):
     assert room.inside(at(1.5, 0, 0.25))
     assert not room.inside(at(0, 0, 0.25))
