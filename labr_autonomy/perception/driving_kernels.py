@@ -258,6 +258,19 @@ def cast(
 
 
 @compiled
+def looked_through(odds: Any, sum_max: int, out: Any) -> None:
+    """Mark squares of four cells none of which holds anything and whose evidence sums up to so little."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            most, total = -128, 0
+            for a in range(2):
+                for b in range(2):
+                    most = max(most, odds[2 * i + a, 2 * j + b])
+                    total += odds[2 * i + a, 2 * j + b]
+            out[i, j] = most <= 0 and total <= sum_max
+
+
+@compiled
 def ledges(heights: Any, step_mm: int, occupied: Any) -> None:
     """Mark cells whose floor lies more than a step off a neighbour's, two cells away at most."""
     n, m = heights.shape

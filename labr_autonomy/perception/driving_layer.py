@@ -26,7 +26,7 @@ from labr_autonomy.types import Array
 
 FADE_M = 1.0  # of way takes one unit from all evidence of obstacles: the pose drifts away from it
 GRAIN = 3  # cells
-LOOKED_THROUGH = -12.0  # mean log-odds of four cells, of which three are as free as can be
+LOOKED_THROUGH = -12  # mean log-odds of four cells, of which three are as free as can be
 DODGE_M = 0.5  # round where something moved nothing is free: the way of a walker while the robot brakes
 
 
@@ -179,9 +179,9 @@ class DrivingLayer:
 
         A cell in four may have been missed between rays; half a pair of them may be a wall's face.
         """
-        n = self.odds.shape[0] // 2
-        four = self.odds[: 2 * n, : 2 * n].reshape(n, 2, n, 2)
-        return np.asarray((four.max(axis=(1, 3)) <= 0) & (four.mean(axis=(1, 3)) <= LOOKED_THROUGH))
+        out = np.empty((self.odds.shape[0] // 2, self.odds.shape[1] // 2), np.bool_)
+        kernels.looked_through(self.odds, 4 * LOOKED_THROUGH, out)
+        return out
 
     def room(self, place_m: Array, half_m: float) -> Field2:
         """The same near a place (2|3,), where nothing counts as free that was not seen: for trajectories.
