@@ -14,7 +14,8 @@ CELL_M = 0.05
 HIT, MISS = 20, 2
 LOWEST, HIGHEST = -20, 70
 OCCUPIED = 30
-BANDS = 3  # heights, between the floor and the robot's top, whose evidence is kept apart
+EDGES_M = (0.05, 0.10, 0.20)  # between the heights whose evidence is kept apart: castors, legs, ...
+BANDS = len(EDGES_M) + 1
 NO_FLOOR = -32768  # of the heights [mm]
 DROP = 6  # worth of a place where a floor is missing
 FLOOR_SHARE = 0.3  # of a new height in a cell's
@@ -25,9 +26,12 @@ DROP_TO_M = 3.0  # and missing floors up to this one
 
 
 @compiled
-def band(above_m: float, top_m: float) -> int:
-    """Which of the heights a robot takes up something is at; what is outside belongs to the nearest."""
-    level = int(min(max(above_m / top_m * BANDS, 0.0), BANDS - 1.0))
+def band(above_m: float) -> int:
+    """Which of the heights something is at; what is outside belongs to the nearest."""
+    level = 0
+    for edge in EDGES_M:
+        if above_m >= edge:
+            level += 1
     return level
 
 
@@ -43,7 +47,6 @@ def _carve(
     y1: float,
     above_0: float,
     above_1: float,
-    top_m: float,
 ) -> int:
     """Mark the cells between two places (floats) as passed, at the ray's heights (Amanatides-Woo 1987)."""
     far = 1e18
@@ -55,10 +58,10 @@ def _carve(
     step_y = abs(1.0 / dy) if dy != 0.0 else far
     next_x = ((i + 1 - x0) if dx > 0.0 else (x0 - i)) * step_x if dx != 0.0 else far
     next_y = ((j + 1 - y0) if dy > 0.0 else (y0 - j)) * step_y if dy != 0.0 else far
-    here = band(above_0, top_m)
+    here = band(above_0)
     while 0 <= i < n and 0 <= j < n:
         leave = min(next_x, next_y, 1.0)
-        there = band(above_0 + leave * (above_1 - above_0), top_m)
+        there = band(above_0 + leave * (above_1 - above_0))
         for k in range(min(here, there), max(here, there) + 1):
             index = (i * n + j) * BANDS + k
             if marks[index] == 0:
@@ -106,7 +109,9 @@ def judge(bands: Any, eye: int, odds: Any) -> None:
     """
     for i in range(odds.shape[0]):
         for j in range(odds.shape[1]):
-            most = max(bands[i, j, 0], bands[i, j, 1], bands[i, j, 2])
+            most = bands[i, j, 0]
+            for k in range(1, BANDS):
+                most = max(most, bands[i, j, k])
             odds[i, j] = most if most > 0 else bands[i, j, eye]
 
 
@@ -161,7 +166,7 @@ def _take_return(
             heights[i, j] = round(min(max(fresh, -32000.0), 32000.0))
     elif kind == STANDS and above_m <= top_m and run_m <= range_m:
         count = _fill(
-            marks, touched, count, odds, spots, x, y, band(above_m, top_m), return_worth(HIT, CELL_M, spread)
+            marks, touched, count, odds, spots, x, y, band(above_m), return_worth(HIT, CELL_M, spread)
         )
     elif kind == BELOW and above_m < -STEP_M and end * run_m <= DROP_TO_M:
         at_x, at_y = eye_x + end * (x - eye_x), eye_y + end * (y - eye_y)
@@ -232,7 +237,6 @@ def cast(
                     ey + stop * ky,
                     height + begin * (above - height),
                     height + stop * (above - height),
-                    top_m,
                 )
             count = _take_return(
                 kind,

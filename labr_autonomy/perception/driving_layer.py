@@ -3,8 +3,8 @@
 Cells of half the rolling map's edge hold two things: evidence for something between the floor and the
 robot's top (log-odds, as in the rolling map), and the floor's height where it was seen. A ray's part that
 runs at the robot's height frees the cells below it; a return that stands on the floor fills its cell, and so
-does the place where a ray passes through where the floor should have been: a drop. Three bands of height are
-kept apart, so that rays below an overhang do not free the place that it takes up. Frame: odom; metres.
+does the place where a ray passes through where the floor should have been: a drop. Four bands of height are
+kept apart, so that rays over a leg or below a drawer do not free its place. Frame: odom; metres.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class DrivingLayer:
         self.heights_mm = np.full((n, n), NO_FLOOR, np.int16)
         self.spots = np.zeros((n, n, 2), np.int8)  # mean place of a cell's returns; `point_distance`
         self.moving = Moving((n, n), CELL_M, OCCUPIED)
-        self._top_m, self._eye = top_m, kernels.band(eye_m, top_m)
+        self._top_m, self._eye = top_m, kernels.band(eye_m)
         self._corner = np.zeros(2, np.int64)  # odom, in whole cells
         self._marks = np.zeros(self.bands.size, np.int8)
         self._touched = np.zeros(self.bands.size, np.int32)
@@ -126,11 +126,11 @@ class DrivingLayer:
             self._marks,
             self._touched,
         )
-        marks = self._marks, self._touched, count
-        self.moving.watch(self.odds, *marks, self.origin_m, stamp_s, eye_m, optics[4])
+        marks = self._marks.reshape(-1, kernels.BANDS)
+        self.moving.watch(self.odds, marks, self._touched, count, self.origin_m, stamp_s, eye_m, optics[4])
         apply(self.bands.reshape(-1), self._marks, self._touched, count, MISS, LOWEST, HIGHEST)
         self._judge()
-        self.moving.stamp(self.odds, self._touched, count)
+        self.moving.stamp(self.odds, self._touched, count, kernels.BANDS)
         return count
 
     def clear(self, xy_m: Array, radius_m: float) -> None:

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labr_autonomy.perception.compiled import compiled
-from labr_autonomy.perception.driving_kernels import BANDS
 from labr_autonomy.perception.shift import moved
 from labr_autonomy.types import Array
 
@@ -50,11 +49,11 @@ def _surprises(
     found = 0
     for k in range(count):
         index = touched[k]
-        cell = index // BANDS
+        cell, level = index // marks.shape[1], index % marks.shape[1]
         i, j = cell // m, cell % m
-        if marks[index] <= 1 or odds[i, j] > SURELY_FREE:
+        if marks[cell, level] <= 1 or odds[i, j] > SURELY_FREE:
             continue
-        if (marks[cell * BANDS : index] > 1).any():  # counted at a lower height
+        if (marks[cell, :level] > 1).any():  # counted at a lower height
             continue
         away2 = (i + 0.5 - eye[0]) ** 2 + (j + 0.5 - eye[1]) ** 2
         if away2 > eye[2] ** 2:
@@ -70,11 +69,11 @@ def _surprises(
 
 
 @compiled
-def _stamp(odds: Any, touched: Any, count: int, since: Any, solid: int, now_s: float) -> None:
-    """Note since when each touched cell has been solid."""
+def _stamp(odds: Any, touched: Any, count: int, heights: int, since: Any, solid: int, now_s: float) -> None:
+    """Note since when each touched cell has been solid; `touched` counts each of its `heights`."""
     m = odds.shape[1]
     for k in range(count):
-        cell = touched[k] // BANDS
+        cell = touched[k] // heights
         i, j = cell // m, cell % m
         if odds[i, j] < solid:
             since[i, j] = np.inf
@@ -117,8 +116,8 @@ class Moving:
 
         Args:
             odds: (n, m) of the layer.
-            marks: (n * m * BANDS,) what the image says of each height of the touched cells.
-            touched: Their flat indices.
+            marks: (n * m, heights) what the image says of the touched cells.
+            touched: Their flat indices, height by height.
             count: How many.
             origin_m: (2,) lower corner, odom.
             now_s: The image's stamp.
@@ -148,9 +147,9 @@ class Moving:
             young = np.vstack([young, np.column_stack([body, np.full(len(body), now_s)])])
         self._places_m = young
 
-    def stamp(self, odds: NDArray[np.int8], touched: NDArray[np.int32], count: int) -> None:
+    def stamp(self, odds: NDArray[np.int8], touched: NDArray[np.int32], count: int, heights: int) -> None:
         """Note what has become solid, after the marks were applied."""
-        _stamp(odds, touched, count, self._since_s, self._solid, self._now_s)
+        _stamp(odds, touched, count, heights, self._since_s, self._solid, self._now_s)
 
     @property
     def places_m(self) -> Array:
