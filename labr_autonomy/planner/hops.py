@@ -26,7 +26,7 @@ from labr_autonomy.types import Array, Mode
 
 REFUSED_M = 0.8  # a place where it could not land after all, and so much around it
 ABOVE_S = 2.0  # so long it may stay above the place where it is to land
-ROUND = 2.0  # times the straight way, in weighted metres (2 where nothing was seen), is a long way round ...
+ROUND = 3.0  # times the straight way, in weighted metres (3 where nothing was seen), is a long way round ...
 MORE_M, MORE_MPS = 2.0, 0.25  # ... beyond so much, which rises with each second of flight
 ALOFT_MAX_S = 15.0  # after so long it comes down wherever there is room: hovering costs more than a detour
 SAME_M = 0.3  # ends nearer to each other than this are one

@@ -24,6 +24,7 @@ START_SNAP_M = 0.8
 NEAR_COST, NEAR_M = 1.5, 0.25  # extra cost of a cell at the outline, and its decay with distance
 KEEP_M = 0.05  # distance beyond the radius where the extra cost is full
 ON_CELL = 0.51  # a goal this many cells from a cell's centre lies in it
+UNKNOWN_COST = 3.0  # factor on unknown cells: cheaper, it looks into every room on the way
 LIKELY_COST = 8.0  # factor on unknown cells that are likely solid
 NARROW_COST = 3.0  # factor on cells that are nearer to obstacles than a way likes to be
 TIGHT_COST = 20.0  # factor on cells that are nearer to obstacles than a way should be
@@ -58,7 +59,7 @@ class CostToGo:
         field: Field2,
         goal_xy: Array,
         radius_m: float,
-        unknown_cost: float = 2.0,
+        unknown_cost: float = UNKNOWN_COST,
         reach_m: float = GOAL_SNAP_M,
         *,
         roomy_m: float = 0.0,
@@ -217,7 +218,7 @@ class CostToGo:
 
 
 def search_land(
-    field: Field2, start_xy: Array, goal_xy: Array, radius_m: float, unknown_cost: float = 2.0
+    field: Field2, start_xy: Array, goal_xy: Array, radius_m: float, unknown_cost: float = UNKNOWN_COST
 ) -> Array | None:
     """One shortest drivable path, (k, 2) odom with the start first; None if there is none.
 
