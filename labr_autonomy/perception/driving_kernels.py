@@ -13,6 +13,7 @@ from labr_autonomy.perception.raycast import add_return, return_worth, wholly_in
 CELL_M = 0.05
 HIT, MISS = 20, 2
 LOWEST, HIGHEST = -20, 70
+LIKELY, NEAR_M = -10, 3.0  # a cell is no surer to be free than this before rays pass it nearer than that
 OCCUPIED = 30
 EDGES_M = (0.05, 0.10, 0.20)  # between the heights whose evidence is kept apart: castors, legs, ...
 BANDS = len(EDGES_M) + 1
@@ -47,8 +48,13 @@ def _carve(
     y1: float,
     above_0: float,
     above_1: float,
+    bands: Any,
+    near: float,
 ) -> int:
-    """Mark the cells between two places (floats) as passed, at the ray's heights (Amanatides-Woo 1987)."""
+    """Mark the cells between two places (floats) as passed, at the ray's heights (Amanatides-Woo 1987).
+
+    Beyond `near`, a share of the way, rays are too far apart to tell more than that a cell is likely free.
+    """
     far = 1e18
     i, j = math.floor(x0), math.floor(y0)
     dx, dy = x1 - x0, y1 - y0
@@ -64,7 +70,7 @@ def _carve(
         there = band(above_0 + leave * (above_1 - above_0))
         for k in range(min(here, there), max(here, there) + 1):
             index = (i * n + j) * BANDS + k
-            if marks[index] == 0:
+            if marks[index] == 0 and (leave <= near or bands[index] > LIKELY):
                 marks[index] = 1
                 touched[count] = index
                 count += 1
@@ -187,6 +193,7 @@ def cast(
     sampling: Any,
     range_m: float,
     heights: Any,
+    bands: Any,
     odds: Any,
     spots: Any,
     marks: Any,
@@ -237,6 +244,8 @@ def cast(
                     ey + stop * ky,
                     height + begin * (above - height),
                     height + stop * (above - height),
+                    bands,
+                    (NEAR_M / max(run, 1e-6) - begin) / (stop - begin),
                 )
             count = _take_return(
                 kind,

@@ -121,6 +121,7 @@ class DrivingLayer:
             sampling,
             range_m,
             self.heights_mm,
+            self.bands.reshape(-1),
             self.odds,
             self.spots,
             self._marks,
