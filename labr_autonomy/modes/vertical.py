@@ -38,9 +38,8 @@ def vertical(
     rise = to_z_m - float(start_m[2])
     climb = _Trapezoid.of(abs(rise), speed_mps, ACCELERATION_MPS2)
     yaw = _Trapezoid.of(abs(turn_rad), yaw_rate_rps, YAW_ACCELERATION_RPS2)
-    clear_s = (
-        0.5 * _Trapezoid.of(2.0 * CLEAR_M, speed_mps, ACCELERATION_MPS2).total_s
-    )  # half of twice the way
+    twice = _Trapezoid.of(2.0 * CLEAR_M, speed_mps, ACCELERATION_MPS2)  # half way through it is clear
+    clear_s = 0.5 * twice.total_s
     total_s = max(climb.total_s, clear_s + yaw.total_s if turn_rad else 0.0)
     t = np.minimum(np.arange(0.0, total_s + STEP_S, STEP_S), total_s)
     s, v, a = climb.at(t)

@@ -88,12 +88,8 @@ class Pipeline:
         thought_s = now()
         room_above = self._column_clear(request, request.lift_to_m)
         if not request.follow:
-            followed, refined, routed_s, why = (
-                None,
-                self._wait(request),
-                now(),
-                "wheels and rotors change over",
-            )
+            followed, refined, why = None, self._wait(request), "wheels and rotors change over"
+            routed_s = now()
         elif request.mode is Mode.LAND:
             followed, refined, routed_s, why = self._drive(request, network, ways, room_above)
         else:
