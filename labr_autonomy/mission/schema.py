@@ -76,7 +76,7 @@ Target = Annotated[
 class Accept(Section):
     """When a goal counts as reached.
 
-    On the floor also where the robot gets no nearer because something stands there, up to 0.6 m off.
+    Also where the robot gets no nearer because something stands there, up to 0.6 m off.
     """
 
     radius_m: Annotated[float, Field(gt=0.0, le=RADIUS_MAX_M)] = 0.35

@@ -83,7 +83,7 @@ class Inputs:
     speed_mps: float
     mode: Mode
     settled: bool  # driving or flying, not in between
-    nearest: bool = False  # on wheels, at the end of the way there
+    nearest: bool = False  # there is no room for it beyond
     stuck: bool = False  # the planner has tried everything
 
 
@@ -115,7 +115,7 @@ def _at_goal(step: Step, i: Inputs) -> bool:
         case Kind.GOTO:
             right_mode = i.mode is (Mode.AIR if step.in_air else Mode.LAND) and i.settled
             distance_m = goal_distance_m(step, i.position_m)
-            near = distance_m <= step.accept_m or (i.nearest and not step.in_air and distance_m <= BESIDE_M)
+            near = distance_m <= step.accept_m or (i.nearest and distance_m <= BESIDE_M)
             return right_mode and near and i.speed_mps <= REST_MPS
 
 
@@ -138,9 +138,7 @@ def step(state: State, steps: Sequence[Step], i: Inputs, now_s: float) -> tuple[
     if now_s - state.entered_s > current.timeout_s:
         return _failed(state, current, f"not reached within {current.timeout_s:.0f} s", distance, now_s)
     if i.stuck and current.kind is Kind.GOTO:
-        return _failed(
-            state, current, "no way there, after looking round, backing off and other ways", distance, now_s
-        )
+        return _failed(state, current, "no way there, and everything was tried", distance, now_s)
     return replace(state, rest_since_s=None), Outputs(current, distance)
 
 

@@ -74,7 +74,7 @@ class PlanResult:
     timings: Timings
     depart_rad: float = math.nan  # odom, where a flight from here would begin to go; while it takes off
     hop: bool = False  # the way to a goal on land leaves the floor, or that to one in the air comes down
-    nearest: bool = False  # it stands where the way to a goal on land ends: no nearer place has room for it
+    nearest: bool = False  # it gets no nearer: there is no room for it beyond
     stuck: bool = False  # everything was tried: it gets no farther
     probe: str | None = None  # why there is no way to the request's `probe_m`, "" when there is one
     map_xy_m: NDArray[np.float32] | None = field(default=None)  # (n, 2) obstacle cells, now and then

@@ -32,6 +32,7 @@ LAND_HALF_M = 4.5  # of the map that a trajectory is checked against
 FIELD_HALF_M = (3.5, 3.5)
 RING_M = 0.25  # about a robot that begins to drive the floor is taken for free: the camera cannot see it
 MAP_EVERY_S = 1.0
+HELD_UP_S, STUCK_IN_AIR_S = 1.0, 10.0  # hovering costs twelve times what standing does: it does not wait long
 DEPART_M = 0.3  # a flight that goes no farther than this needs no turn
 
 
@@ -59,6 +60,7 @@ class Pipeline:
         self._previous: Trajectory | None = None
         self._route = routes.State()
         self._way_out = WayOut()
+        self._held_up_s: float | None = None  # since when a flight gets no farther
         self._begins = True
         self._seen = -1
         self._drawn_s = -math.inf
@@ -96,6 +98,7 @@ class Pipeline:
             followed, refined, routed_s, why = self._fly(request, network, ways)
         done_s = now()
         self._previous = refined.trajectory
+        held_up_s = self._held_up(request, refined)
         at_once = request.mode is Mode.LAND and self._way_out.hops
         return PlanResult(
             sequence=request.sequence,
@@ -112,8 +115,8 @@ class Pipeline:
             landing_clear=self._may_land(request, ways),
             depart_rad=math.nan if request.follow else self._depart_rad(request, ways),
             hop=at_once or self._ways.hop_planned(request, ways),
-            nearest=self._ways.nearest(request, ways),
-            stuck=request.mode is Mode.LAND and self._way_out.given_up,
+            nearest=self._ways.nearest(request, ways) or held_up_s > HELD_UP_S,
+            stuck=held_up_s > STUCK_IN_AIR_S or (request.mode is Mode.LAND and self._way_out.given_up),
             timings=Timings(
                 mapped_s - began_s,
                 thought_s - asked_s,
@@ -254,6 +257,14 @@ class Pipeline:
         away = points[:, :2] - up[:2]
         far = np.flatnonzero(np.hypot(*away.T) > DEPART_M)
         return math.atan2(away[far[0], 1], away[far[0], 0]) if len(far) else math.nan
+
+    def _held_up(self, request: PlanRequest, refined: RefineResult) -> float:
+        """How long a flight to a goal in the air has got no farther [s]."""
+        if not (request.follow and request.mode is Mode.AIR and request.goal_in_air and refined.stopped):
+            self._held_up_s = None
+        elif self._held_up_s is None:
+            self._held_up_s = request.start_s
+        return 0.0 if self._held_up_s is None else request.start_s - self._held_up_s
 
     def _wait(self, request: PlanRequest) -> RefineResult:
         """To rest: nobody follows it."""

@@ -158,6 +158,23 @@ def test_a_flight_goes_straight_where_the_map_has_seen_all_of_the_way(eye, pipel
     assert "seen to be free" not in far.reason
 
 
+def test_a_flight_that_is_held_up_says_so(pipeline):
+    """Close to its goal at once, so that it counts as there; farther off when it has waited long enough."""
+    robot = Ideal((*START[:2], 1.0))
+    pipeline._map.clear_robot(robot.pose)
+    pipeline._map.log_odds[:] = 60
+    said = []
+    for k in range(130):
+        result = pipeline.cycle(robot.request(k, 0.1 * k, Mode.AIR, (-3.0, 0.0, 1.0), True), None)
+        said.append((result.nearest, result.stuck))
+    assert said[:9] == [(False, False)] * 9
+    assert said[15:95] == [(True, False)] * 80
+    assert said[105] == (True, True)
+    pipeline._map.log_odds[:] = -20
+    free = pipeline.cycle(robot.request(131, 13.1, Mode.AIR, (-3.0, 0.0, 1.0), True), None)
+    assert (free.nearest, free.stuck) == (False, False)
+
+
 def test_without_a_frame_the_network_is_not_used(pipeline):
     robot = Ideal(START)
     result = pipeline.cycle(robot.request(1, 1.0, Mode.LAND, LAND_GOAL, False), None)
