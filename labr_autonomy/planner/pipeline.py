@@ -260,7 +260,8 @@ class Pipeline:
 
     def _held_up(self, request: PlanRequest, refined: RefineResult) -> float:
         """How long a flight to a goal in the air has got no farther [s]."""
-        if not (request.follow and request.mode is Mode.AIR and request.goal_in_air and refined.stopped):
+        flies = request.follow and request.mode is Mode.AIR and request.goal_in_air
+        if not (flies and (refined.stopped or refined.source is Source.BRAKE)):
             self._held_up_s = None
         elif self._held_up_s is None:
             self._held_up_s = request.start_s
