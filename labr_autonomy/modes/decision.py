@@ -18,7 +18,7 @@ from labr_autonomy.types import Array, Mode
 AIR_HEIGHT_M = 0.25  # a key point higher than this above driving height is flown to
 SAVING_MIN_J = 150.0  # driving on must save at least this; about 0.4 m with the default powers
 CONFIRM_S = 0.3  # the same wish must last this long
-ROLLS_MPS = 0.3  # faster than this it has not come to the end of its way; it stops within 5 cm
+ROLLS_MPS, ROLLS_TO_M = 0.3, 0.05  # faster than this and farther from it, it has not come to its way's end
 DWELL_S = 2.0  # and the last switch must be this long ago
 
 
@@ -69,9 +69,10 @@ def wish(facts: Facts, energy: EnergyModel) -> Mode:
         down = facts.hop or not facts.goal_in_air
         return Mode.LAND if down and facts.landing_clear else Mode.AIR
     up = facts.hop or facts.goal_in_air
-    if not up or not facts.take_off_clear or facts.speed_mps > ROLLS_MPS:
-        return Mode.LAND
     drivable_m = min(facts.lift_off_m, facts.goal_distance_xy_m)
+    rolls = facts.land_path_ends and facts.speed_mps > ROLLS_MPS and drivable_m > ROLLS_TO_M
+    if not up or not facts.take_off_clear or rolls:
+        return Mode.LAND
     saving_j = energy.air_j(drivable_m) - energy.land_j(drivable_m)
     return Mode.AIR if saving_j < SAVING_MIN_J or facts.land_path_ends else Mode.LAND
 

@@ -8,7 +8,7 @@ that a hop could pay at all (`EnergyModel.detour_worth_flying_m`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -20,12 +20,12 @@ from labr_autonomy.planner import routes
 from labr_autonomy.planner.kept_ways import KeptWays
 from labr_autonomy.planner.messages import PlanRequest
 from labr_autonomy.planner.places import AT_END_M, column_field, flight_layer
+from labr_autonomy.planner.refusals import Refusals
 from labr_autonomy.planner.take_off import offers_by_air
 from labr_autonomy.refine.search import CostToGo
 from labr_autonomy.types import Array, Mode
 
 REFUSED_M = 0.8  # a place where it could not land after all, and so much around it
-ABOVE_S = 2.0  # so long it may stay above the place where it is to land
 ROUND = 3.0  # times the straight way, in weighted metres (3 where nothing was seen), is a long way round ...
 MORE_M, MORE_MPS = 2.0, 0.25  # ... beyond so much, which rises with each second of flight
 ALOFT_MAX_S = 15.0  # after so long it comes down wherever there is room: hovering costs more than a detour
@@ -53,20 +53,23 @@ class Hops:
         config: Outline and clearances.
         seen: The rolling map.
         air_hard_m: Least distance of a flight to obstacles.
+        no_take_off: Where it could not take off.
     """
 
-    def __init__(self, config: RobotConfig, seen: RollingMap, air_hard_m: float) -> None:
+    def __init__(
+        self, config: RobotConfig, seen: RollingMap, air_hard_m: float, no_take_off: Refusals
+    ) -> None:
         self._map, self._air_hard_m = seen, air_hard_m
         self._config, self._energy = config, EnergyModel.of(config)
         self._end: Array | None = None  # where a drive without a hop would end, if hops are looked for
-        self._refused: list[Array] = []  # places where it could not land
-        self._above_s: float | None = None  # since when it has been above the place where it is to land
+        self._no_take_off, self._refused = no_take_off, Refusals(REFUSED_M)
         self._landings = KeptWays()
         self._aloft_s: float | None = None  # since when it flies
 
     def reset(self) -> None:
         """Another goal: forget what was planned and where it could not land."""
-        self._end, self._refused, self._above_s, self._aloft_s = None, [], None, None
+        self._end, self._aloft_s = None, None
+        self._refused.reset()
 
     def planned(self, ways: CostToGo, here_m: Array) -> bool:
         """Whether the way from here takes off at its end."""
@@ -95,7 +98,7 @@ class Hops:
         dear = dearness(land, here)
         air = self._to_landings(request, land, request.lift_to_m, dear)
         column, radius_m = column_field(self._map, self._config, request, request.lift_to_m)
-        offers = offers_by_air(plan, air, column, radius_m, here, self._energy)
+        offers = offers_by_air(plan, air, column, radius_m, here, self._energy, self._no_take_off)
         offers = dear * (offers + hop_m)
         cell = np.floor((end - plan.origin_m) / plan.cell_m).astype(int)
         offers[cell[0], cell[1]] = 0.0
@@ -116,7 +119,7 @@ class Hops:
     def may_land(self, request: PlanRequest, land: CostToGo, room: bool) -> bool:
         """Whether to come down here: there is room, and driving from here is no dearer than flying on.
 
-        A place above which it stays for `ABOVE_S` without may is refused: the next best is flown to.
+        A place above which it stays without may is refused: the next best is flown to.
         """
         here = request.body_pose.position_m[:2]
         air = self.in_air(request, land)
@@ -126,12 +129,8 @@ class Hops:
         may = room and crossed and math.isfinite(drive_m) and not drive_m > worth * (on_m + SETTLE_M)
         may |= room and self._late(request)
         end = air.end(here)
-        if may or end is None or float(np.hypot(*(end - here))) > AT_END_M:
-            self._above_s = None
-        elif self._above_s is None:
-            self._above_s = request.start_s
-        elif request.start_s - self._above_s > ABOVE_S:
-            self._refused, self._above_s = [*self._refused, end], None
+        above = end is not None and float(np.hypot(*(end - here))) <= AT_END_M
+        self._refused.step(above and not may, end, request.start_s)
         return may
 
     def _crossed(self, request: PlanRequest, land: CostToGo, places_m: Array) -> Bits:
@@ -174,7 +173,7 @@ def landing_offers(
     radius_m: float,
     dear: float,
     energy: EnergyModel,
-    refused: Sequence[Array] = (),
+    refused: Refusals,
 ) -> Array:
     """What it costs to drive on from each cell of a layer of flight, (nx, ny) [m of flying].
 
@@ -185,15 +184,13 @@ def landing_offers(
         radius_m: Free radius that a landing needs.
         dear: By so much a flight's metres are dearer; `dearness`.
         energy: What a metre costs in each mode.
-        refused: (2,) places where it could not land.
+        refused: Where it could not land.
 
     Returns:
         inf where it could not land or not drive on.
     """
     middles = centres(layer)
-    fits = column.lookup(middles) > radius_m
-    for place in refused:
-        fits &= np.hypot(*(middles - place[:2]).T) > REFUSED_M
+    fits = (column.lookup(middles) > radius_m) & ~refused.among(middles)
     worth = dear * energy.metre_in_air()
     out: Array = np.where(fits, land.costs_at(middles) / worth, np.inf).reshape(layer.distance_m.shape)
     return out

@@ -18,6 +18,7 @@ from labr_autonomy.planner.hops import Hops
 from labr_autonomy.planner.kept_ways import KeptWays
 from labr_autonomy.planner.messages import PlanRequest
 from labr_autonomy.planner.places import AT_END_M, UNDER_M, column_field, flight_layer
+from labr_autonomy.planner.refusals import Refusals
 from labr_autonomy.planner.take_off import offers_by_air
 from labr_autonomy.refine.search import GOAL_SNAP_M, CostToGo
 from labr_autonomy.types import Array, Mode
@@ -26,6 +27,8 @@ UNDER_GOAL_M = 2.5  # how far from below an air goal out of the map's reach the 
 ROUTE_MARGIN_M = 0.06  # beyond the hard clearance, so that the refiner can follow with ease
 NARROW_MARGIN_M = 0.01  # and so that it can follow at all
 NEARLY_M = 0.03  # a gap that is narrower than that by so much may prove wide enough from close by
+REFUSED_M = 0.4  # round a place where it had no room to take off
+STANDS_MPS = 0.05
 NEAREST_M = 0.2  # of the end of a way the refiner stops
 TIGHT_M = 0.12  # as near as this to obstacles leads a way when there is no other
 
@@ -51,7 +54,13 @@ class MapWays:
         self._energy = EnergyModel.of(config)
         self._land, self._air = KeptWays(), KeptWays()
         self._memory = Memory(2.0 * CELL_M) if memory else None
-        self.hops = Hops(config, seen, air_hard_m)
+        self._no_take_off = Refusals(REFUSED_M)
+        self.hops = Hops(config, seen, air_hard_m, self._no_take_off)
+
+    def reset(self) -> None:
+        """Another goal, or the robot was moved: forget what was planned and refused."""
+        self._no_take_off.reset()
+        self.hops.reset()
 
     def on_land(self, request: PlanRequest, closed: tuple[Array, ...] = ()) -> CostToGo:
         """To a goal on land, or to where a flight to it or to one in the air is best begun.
@@ -76,7 +85,8 @@ class MapWays:
                 request, plan, ways, lambda offers: self._search(request, nearly_m, closed, offers)
             )
 
-        asked = float(goal[0]), float(goal[1]), float(request.mode is Mode.AIR), float(len(closed))
+        tried = float(len(closed)), float(len(self._no_take_off))
+        asked = float(goal[0]), float(goal[1]), float(request.mode is Mode.AIR), *tried
         return self._land.of(asked, request.start_s, search)
 
     def through_gaps(self, request: PlanRequest, closed: tuple[Array, ...]) -> CostToGo:
@@ -109,6 +119,12 @@ class MapWays:
         leaves = request.goal_in_air or self.hop_planned(request, ways)
         end = ways.end(here) if leaves else None
         return end is not None and float(np.hypot(*(end - here))) < AT_END_M
+
+    def refuse_take_off(self, request: PlanRequest, ways: CostToGo, room_above: bool) -> None:
+        """Look whether it stands where it is to take off and has no room: then it drives to the next best."""
+        stands = request.mode is Mode.LAND and abs(request.motion.speed_mps) < STANDS_MPS
+        waits = stands and not room_above and self.drive_ends(request, ways)
+        self._no_take_off.step(waits, ways.end(request.body_pose.position_m[:2]), request.start_s)
 
     def nearest(self, request: PlanRequest, ways: CostToGo) -> bool:
         """Whether it is where the way to a goal on land ends: there, or as near as there is room for it."""
@@ -147,7 +163,7 @@ class MapWays:
         if request.goal_in_air and self.near.contains(goal[None, :2])[0]:
             air = self.in_air(request, goal, float(goal[2]))
             column, radius_m = column_field(self._map, self._config, request, request.lift_to_m)
-            offers = offers_by_air(plan, air, column, radius_m, goal, self._energy)
+            offers = offers_by_air(plan, air, column, radius_m, goal, self._energy, self._no_take_off)
         return CostToGo(
             plan,
             goal[:2],

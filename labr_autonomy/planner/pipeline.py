@@ -82,13 +82,14 @@ class Pipeline:
         if request.fresh:
             self._way_out.reset()
             if request.mode is Mode.LAND:
-                self._ways.hops.reset()
+                self._ways.reset()
         self._begins = False
         ways = self._ways.on_land(request, self._way_out.closed)
         asked_s = now()
         network = self._first.ask(request, frame if self._asks else None, self._map)
         thought_s = now()
         room_above = self._column_clear(request, request.lift_to_m)
+        self._ways.refuse_take_off(request, ways, room_above)
         if not request.follow:
             followed, refined, why = None, self._wait(request), "wheels and rotors change over"
             routed_s = now()

@@ -11,14 +11,23 @@ import numpy as np
 
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.perception.fields import Field2
+from labr_autonomy.planner.refusals import Refusals
 from labr_autonomy.refine.search import CostToGo
 from labr_autonomy.types import Array
 
+SPARE_M = 0.1  # beside a place, as the robot stops next to it; without, it had better drive ...
+SPARE_COST_M = 1.0  # ... so much farther
 NEAR_GOAL_M = 6.0  # take-off places are looked for as far as this from below the goal
 
 
 def offers_by_air(
-    land: Field2, air: CostToGo, column: Field2, radius_m: float, goal_m: Array, energy: EnergyModel
+    land: Field2,
+    air: CostToGo,
+    column: Field2,
+    radius_m: float,
+    goal_m: Array,
+    energy: EnergyModel,
+    refused: Refusals,
 ) -> Array:
     """What it costs to fly to the goal from each cell of the driving plan, (nx, ny) [m of driving].
 
@@ -29,6 +38,7 @@ def offers_by_air(
         radius_m: Free radius that a take-off needs.
         goal_m: (2|3,) odom.
         energy: What a metre costs in each mode.
+        refused: Where it stood and had no room after all.
 
     Returns:
         inf where the robot would not fit in the air or could not take off, and far from below the goal.
@@ -41,7 +51,9 @@ def offers_by_air(
     high = np.clip(np.ceil(at + reach).astype(int), low, offers.shape)
     i, j = np.mgrid[low[0] : high[0], low[1] : high[1]]
     centres = land.origin_m + (np.stack([i.ravel(), j.ravel()], axis=1) + 0.5) * land.cell_m
-    fits = (np.hypot(*(centres - goal_m[:2]).T) <= NEAR_GOAL_M) & (column.lookup(centres) > radius_m)
-    costs = np.where(fits, worth * air.costs_at(centres), np.inf)
+    spare_m = column.lookup(centres) - radius_m
+    fits = (np.hypot(*(centres - goal_m[:2]).T) <= NEAR_GOAL_M) & (spare_m > 0.0) & ~refused.among(centres)
+    costs = worth * air.costs_at(centres) + np.where(spare_m > SPARE_M, 0.0, SPARE_COST_M)
+    costs = np.where(fits, costs, np.inf)
     offers[low[0] : high[0], low[1] : high[1]] = costs.reshape(i.shape)
     return offers

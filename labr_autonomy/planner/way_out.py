@@ -60,10 +60,10 @@ class WayOut:
         here = request.body_pose.position_m[:2]
         if not self._trail or float(np.hypot(*(here - self._trail[-1]))) > TRAIL_M:
             self._trail = [*self._trail[1 - TRAIL_PLACES :], here.copy()]
-        if float(np.hypot(*(request.goal_m[:2] - here))) < AT_GOAL_M:
+        way, path, gap_m = math.isfinite(ways.cost_m(here)), None, None
+        if float(np.hypot(*(request.goal_m[:2] - here))) < AT_GOAL_M and (way or not request.goal_in_air):
             self.reset()
             return None
-        way, path, gap_m = math.isfinite(ways.cost_m(here)), None, None
         if not way or self.state.action is not Action.FOLLOW:
             tight = self._ways.of(self._asked(request), request.start_s, lambda: through(self.closed))
             path = tight.path(here)

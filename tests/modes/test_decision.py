@@ -46,6 +46,7 @@ def test_it_rolls_to_the_end_of_its_way_before_it_takes_off():
     near = {"lift_off_m": 0.3, "land_path_ends": True}
     assert wish(facts(**near, speed_mps=0.5), ENERGY) is Mode.LAND
     assert wish(facts(**near, speed_mps=0.2), ENERGY) is Mode.AIR
+    assert wish(facts(lift_off_m=0.0, land_path_ends=True, speed_mps=0.5), ENERGY) is Mode.AIR
 
 
 def test_it_does_not_take_off_without_room():

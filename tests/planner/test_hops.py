@@ -10,14 +10,16 @@ import pytest
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.perception.fields import Field2
-from labr_autonomy.planner.hops import ABOVE_S, ALOFT_MAX_S, Hops
+from labr_autonomy.planner.hops import ALOFT_MAX_S, Hops
 from labr_autonomy.planner.messages import Motion, PlanRequest
+from labr_autonomy.planner.refusals import WAITS_S, Refusals
 from labr_autonomy.refine.search import CostToGo
 from labr_autonomy.types import Mode, Pose
 
 CONFIG = RobotConfig()
 WORTH_M = EnergyModel.of(CONFIG).detour_worth_flying_m(0.0, 0.0)
 SIDE_M, CELL_M, HARD_M = 70.0, 0.1, 0.36
+NONE = Refusals(0.4)
 GOAL = np.array([25.0, 5.0, 0.12])
 STILL = np.array([1.0, 0.0, 0.0, 0.0])
 OPEN = ()
@@ -71,7 +73,7 @@ def on_land(hops, asked, *boxes):
 
 def test_a_long_fence_is_flown_over_from_close_by():
     asked = request(15.0, 5.0)
-    ways, hops = on_land(Hops(CONFIG, Seen(), HARD_M), asked, fence(60.0))
+    ways, hops = on_land(Hops(CONFIG, Seen(), HARD_M, NONE), asked, fence(60.0))
     assert hops
     end = ways.end(np.array([15.0, 5.0]))
     assert 18.5 < end[0] < 20.0 - HARD_M
@@ -82,7 +84,7 @@ def test_a_long_fence_is_flown_over_from_close_by():
 def test_it_flies_when_the_detour_is_longer_than_the_closed_form_says(more_m, flies):
     """The way round the fence is twice as long as it reaches past the robot; the hop costs metres too."""
     asked = request(17.0, 5.0)
-    _, hops = on_land(Hops(CONFIG, Seen(), HARD_M), asked, fence(5.0 + (WORTH_M + more_m) / 2.0))
+    _, hops = on_land(Hops(CONFIG, Seen(), HARD_M, NONE), asked, fence(5.0 + (WORTH_M + more_m) / 2.0))
     assert hops is flies
 
 
@@ -97,13 +99,13 @@ def test_it_flies_when_the_detour_is_longer_than_the_closed_form_says(more_m, fl
 )
 def test_it_drives_round_where_it_cannot_fly(why):
     asked = request(15.0, 5.0, may_hop=why.get("may_hop", True))
-    ways, hops = on_land(Hops(CONFIG, why.get("seen", Seen()), HARD_M), asked, fence(60.0))
+    ways, hops = on_land(Hops(CONFIG, why.get("seen", Seen()), HARD_M, NONE), asked, fence(60.0))
     assert not hops
     assert ways.end(np.array([15.0, 5.0])) == pytest.approx(GOAL[:2], abs=0.11)
 
 
 def test_it_comes_down_behind_the_fence_and_not_before():
-    hops = Hops(CONFIG, Seen(column=[fence(60.0)]), HARD_M)
+    hops = Hops(CONFIG, Seen(column=[fence(60.0)]), HARD_M, NONE)
     land = CostToGo(plan(fence(60.0)), GOAL[:2], HARD_M)
     may = {x: hops.may_land(request(x, 5.0, Mode.AIR, x), land, True) for x in (18.5, 19.5, 21.0, 23.0)}
     assert may == {18.5: False, 19.5: False, 21.0: True, 23.0: True}
@@ -113,7 +115,7 @@ def test_it_comes_down_behind_the_fence_and_not_before():
 
 
 def test_who_has_flown_for_long_comes_down_wherever_there_is_room():
-    hops = Hops(CONFIG, Seen(column=[fence(60.0)]), HARD_M)
+    hops = Hops(CONFIG, Seen(column=[fence(60.0)]), HARD_M, NONE)
     land = CostToGo(plan(fence(60.0)), GOAL[:2], HARD_M)
     assert not hops.may_land(request(18.5, 5.0, Mode.AIR, 10.0), land, True)
     late_s = 10.0 + ALOFT_MAX_S + 0.1
@@ -124,10 +126,10 @@ def test_who_has_flown_for_long_comes_down_wherever_there_is_room():
 
 
 def test_a_place_where_it_cannot_come_down_is_left_for_the_next():
-    hops = Hops(CONFIG, Seen(column=[fence(60.0)]), HARD_M)
+    hops = Hops(CONFIG, Seen(column=[fence(60.0)]), HARD_M, NONE)
     land = CostToGo(plan(fence(60.0)), GOAL[:2], HARD_M)
     first = hops.in_air(request(18.5, 5.0, Mode.AIR), land).end(np.array([18.5, 5.0]))
-    for now_s in np.arange(0.0, 0.5 + ABOVE_S, 0.1):
+    for now_s in np.arange(0.0, 0.5 + WAITS_S, 0.1):
         assert not hops.may_land(request(*first, Mode.AIR, float(now_s)), land, False)
     second = hops.in_air(request(*first, Mode.AIR, 3.0), land).end(first)
     assert np.hypot(*(second - first)) > 0.7

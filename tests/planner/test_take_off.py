@@ -10,7 +10,8 @@ import pytest
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.perception.fields import Field2
-from labr_autonomy.planner.take_off import NEAR_GOAL_M, offers_by_air
+from labr_autonomy.planner.refusals import WAITS_S, Refusals
+from labr_autonomy.planner.take_off import NEAR_GOAL_M, SPARE_M, offers_by_air
 from labr_autonomy.refine.search import CostToGo
 
 ENERGY = EnergyModel.of(RobotConfig())
@@ -28,10 +29,14 @@ def plan(*boxes):
     return Field2.from_occupied(occupied, np.ones_like(occupied), np.zeros(2), CELL_M)
 
 
-def end_of_drive(land, air, column, goal, start):
+def end_of_drive(land, air, column, goal, start, refused=()):
     goal = np.array([*goal, 1.5])
     ways = CostToGo(air, goal[:2], 0.35)
-    offers = offers_by_air(land, ways, column, RADIUS_M, goal, ENERGY)
+    no_room = Refusals(0.4)
+    for place in refused:
+        no_room.step(True, np.array(place), 0.0)
+        no_room.step(True, np.array(place), WAITS_S + 0.1)
+    offers = offers_by_air(land, ways, column, RADIUS_M, goal, ENERGY, no_room)
     return CostToGo(land, goal[:2], 0.35, offers=offers).end(np.array(start)), offers
 
 
@@ -39,6 +44,19 @@ def test_on_free_floor_it_drives_until_it_is_below_the_goal():
     free = plan()
     end, _ = end_of_drive(free, free, free, (10.0, 8.0), (3.0, 8.0))
     assert end == pytest.approx([10.0, 8.0], abs=0.11)
+
+
+def test_a_place_that_was_refused_is_not_driven_to_again():
+    free = plan()
+    end, _ = end_of_drive(free, free, free, (10.0, 8.0), (3.0, 8.0), refused=[(10.0, 8.0)])
+    assert 0.4 < np.hypot(*(end - [10.0, 8.0])) < 0.6
+
+
+def test_a_place_with_more_room_is_worth_a_little_way():
+    """It stops beside the place, not on it."""
+    lamp = plan((10.5, 7.5, 10.6, 8.5))
+    end, _ = end_of_drive(plan(), plan(), lamp, (10.0, 8.0), (3.0, 8.0))
+    assert lamp.lookup(end[None])[0] > RADIUS_M + SPARE_M - 0.02
 
 
 def test_it_flies_over_what_only_the_wheels_cannot_pass_as_far_as_that_saves_joules():
