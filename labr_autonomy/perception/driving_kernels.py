@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from labr_autonomy.perception.compiled import compiled
 from labr_autonomy.perception.ground import BELOW, FLOOR, NOTHING, STANDS
 from labr_autonomy.perception.point_distance import SPOT
@@ -211,7 +213,8 @@ def cast(
     count = 0
     ex, ey = (eye[0] - corner[0]) / CELL_M, (eye[1] - corner[1]) / CELL_M
     height = eye[2] - corner[2]
-    for v in range(sampling[1], h, sampling[0]):
+    before = np.full(w, np.inf)  # along each column: how far it is to what stands, among the rows above
+    for v in range(sampling[1], h, sampling[0]):  # from the uppermost row down
         for u in range(sampling[2], w, sampling[0]):
             kind = kinds[v, u]
             if kind == NOTHING:
@@ -227,10 +230,11 @@ def cast(
             above = eye[2] + z * dz - floors[v, u]
             begin, end = _at_height(height, above, top_m)
             begin = max(begin, wholly_in_view(min(u, w - 1 - u), min(v, h - 1 - v), fx, fy, CELL_M) / z)
-            stop = end
-            if kind == STANDS and end == 1.0:
-                stop = max(0.0, 1.0 - max(0.5 * CELL_M, 2.0 * spread) / max(run, 1e-6))
-            stop = min(stop, range_m / max(run, 1e-6))
+            margin = max(0.5 * CELL_M, 2.0 * spread)
+            stop = max(0.0, 1.0 - margin / max(run, 1e-6)) if kind == STANDS and end == 1.0 else end
+            stop = min(stop, min(range_m, before[u]) / max(run, 1e-6))  # beyond, it passes below something
+            if kind == STANDS and above <= top_m:
+                before[u] = min(before[u], run - margin)
             kx, ky = z * dx / CELL_M, z * dy / CELL_M
             if begin < stop:
                 count = _carve(

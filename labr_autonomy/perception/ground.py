@@ -42,7 +42,7 @@ def _scan(
 ) -> None:
     h, w = depth.shape
     fx, fy, cx, cy, sigma_1 = optics
-    nearest, sensible = sampling[2], sampling[3]
+    nearest, sensible, known = sampling[2], sampling[3], sampling[4]
     for u in range(int(sampling[1]), w, int(sampling[0])):
         left = -(u - cx) / fx
         at, height, slope = 0.0, floor_z, 0.0  # the last floor seen, along the column
@@ -59,6 +59,8 @@ def _scan(
             flat = math.sqrt(dx * dx + dy * dy)
             if fresh and flat > 0.0:
                 slope, fresh = (incline[0] * dx + incline[1] * dy) / flat, False
+                at, height = known, height + slope * known
+                from_at, from_height = at, height
             run = z * flat
             top = eye[2] + z * dz
             gone = run - at
@@ -92,6 +94,7 @@ def scan(
     stride: int,
     first: int,
     range_m: tuple[float, float],
+    known_m: float = 0.0,
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Kinds of the returns of every `stride`-th column.
 
@@ -105,6 +108,7 @@ def scan(
         stride: Every how many columns.
         first: First column.
         range_m: Shortest and longest depth that is believed.
+        known_m: So far ahead of the camera the robot itself stands on the floor.
 
     Returns:
         (h, w) kind of each return, `NOTHING` where none was looked at, and (h, w) height of the floor there,
@@ -112,5 +116,15 @@ def scan(
     """
     kinds = np.zeros(depth_m.shape, np.uint8)
     floors = np.zeros(depth_m.shape, np.float32)
-    _scan(depth_m, optics, rotation, eye_m, floor_z_m, incline, (stride, first, *range_m), kinds, floors)
+    _scan(
+        depth_m,
+        optics,
+        rotation,
+        eye_m,
+        floor_z_m,
+        incline,
+        (stride, first, *range_m, known_m),
+        kinds,
+        floors,
+    )
     return kinds, floors

@@ -141,6 +141,7 @@ class RollingMap:
             stride=self.stride,
             first=sampling[2],
             range_m=(near_m, far_m),
+            known_m=max(0.0, self._config.body.radius_m - camera.x_m) if self._on_wheels(pose) else 0.0,
         )
         self.driving.update(
             depth_m,
@@ -174,12 +175,14 @@ class RollingMap:
     ) -> tuple[float, tuple[float, float]]:
         """Floor below the camera, and its incline along x and y: the wheels' where they stand on it."""
         up = rotation[:, 2]
-        on_wheels = pose.position_m[2] - floor_z_m <= self._config.body.below_m + ON_WHEELS_M
-        if not on_wheels or up[2] < 0.5:
+        if not self._on_wheels(pose) or up[2] < 0.5:
             return floor_z_m, (0.0, 0.0)
         x, y = float(-up[0] / up[2]), float(-up[1] / up[2])
         ahead = eye_m - pose.position_m
         return floor_z_m + x * float(ahead[0]) + y * float(ahead[1]), (x, y)
+
+    def _on_wheels(self, pose: Pose) -> bool:
+        return bool(pose.position_m[2] - self.floor_z_m <= self._config.body.below_m + ON_WHEELS_M)
 
     def clear_robot(self, pose: Pose) -> None:
         """Mark the space the robot itself fills as free: cells whose centre lies in its outline."""
@@ -190,7 +193,7 @@ class RollingMap:
         low, high = self._layers(pose.position_m[2] - body.below_m, pose.position_m[2] + body.above_m)
         region = self.log_odds[x, y, low:high]
         region[disc] = np.minimum(region[disc], LOWEST)
-        if pose.position_m[2] - self.floor_z_m <= body.below_m + ON_WHEELS_M:
+        if self._on_wheels(pose):
             self.driving.clear(pose.position_m[:2], body.radius_m)
 
     def land_field(self, pose: Pose, floor_z_m: float) -> Field2:

@@ -162,3 +162,12 @@ def test_rays_below_a_drawer_do_not_free_its_place(gap_m):
     assert (room.lookup(within) < 0.03).all()
     assert clear(grid.land_field(standing(1.0), 0.0), 1.25, 0.35) < 0.06  # the corner it would touch
     assert clear(room, 1.5, 0.0) > 0.2  # and beside it there is room
+
+
+def test_what_was_only_looked_under_is_not_free():
+    """A bed whose frame begins at the camera's height, seen from its end; there is room beside it."""
+    bed, wall = box([1.5, 0.2, 0.17], [3.5, 1.6, 0.5]), box([5.0, -9.0, 0.0], [5.1, 9.0, 2.0])
+    room = looked_at([LEVEL, bed, wall], standing(), frames=20).land_room(standing(), 0.0, 3.0)
+    below = np.array([[x, y] for x in np.arange(1.6, 2.8, 0.1) for y in np.arange(0.3, 1.0, 0.1)])
+    assert (room.lookup(below) < 0.03).all()
+    assert clear(room, 2.0, -0.3) > 0.4
