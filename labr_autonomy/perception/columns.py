@@ -1,4 +1,4 @@
-"""Compiled look at the map's columns: what stands up to the robot's height, what was seen."""
+"""Compiled look at the map's columns: what stands between two heights, what was seen, what may go on."""
 
 from __future__ import annotations
 
@@ -43,3 +43,28 @@ def columns(log_odds: NDArray[np.int8], low: int, high: int, solid: int) -> tupl
     occupied, known = np.empty(shape, np.bool_), np.empty(shape, np.bool_)
     _look(log_odds, low, high, solid, occupied, known)
     return occupied, known
+
+
+@compiled
+def _unended(log_odds: Any, low: int, high: int, solid: int, out: Any) -> None:
+    nx, ny, _ = log_odds.shape
+    for i in range(nx):
+        for j in range(ny):
+            k = high - 1
+            while k >= low and 0 <= log_odds[i, j, k] < solid:
+                k -= 1
+            out[i, j] = k >= low and log_odds[i, j, k] >= solid
+
+
+def unended(log_odds: NDArray[np.int8], low: int, high: int, solid: int) -> Bits:
+    """Columns (nx, ny) of which the highest cell that was seen between two layers is solid.
+
+    Args:
+        log_odds: As for `columns`.
+        low: As for `columns`.
+        high: As for `columns`.
+        solid: As for `columns`.
+    """
+    out = np.empty(log_odds.shape[:2], np.bool_)
+    _unended(log_odds, low, high, solid, out)
+    return out

@@ -14,7 +14,7 @@ import numpy as np
 from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import LabrError
 from labr_autonomy.frames import rotation_matrix
-from labr_autonomy.perception.columns import columns
+from labr_autonomy.perception.columns import columns, unended
 from labr_autonomy.perception.driving_layer import DrivingLayer
 from labr_autonomy.perception.fields import Bits, Field2, Field3
 from labr_autonomy.perception.ground import scan
@@ -31,6 +31,7 @@ OCCUPIED = 30
 FLOOR_BAND_M = 0.06  # lower than this above the floor nothing is in the way of a slice
 ON_WHEELS_M = 0.05  # no higher than this above its driving height, the robot is as inclined as the floor
 BELOW_FLOOR_CELLS = 2
+GOES_ON_FROM_M = 0.4  # above the floor; a wall from close by shows little more, its top is out of view
 WALL_FROM_M = 0.8  # above the floor; what stands so high is taken to go on where nothing was seen
 WALL_TO_M = 1.7  # and this high at most: lintels and ceilings say nothing of the floor
 HEADROOM_M = 0.6  # above the body origin, kept inside the box
@@ -234,7 +235,7 @@ class RollingMap:
         """Distance to what would hinder a robot that drove at some height, as for flying at it.
 
         Known is a column where an obstacle was seen, or whose lowest layer and most of the others up to
-        the robot's height were seen free. What stands as high as a wall and was not seen to end goes on.
+        the robot's height were seen free. What stands high and was not seen to end below goes on.
 
         Args:
             pose: Body in odom; places the box when nothing has been seen yet.
@@ -247,9 +248,9 @@ class RollingMap:
         top_m = floor_z_m + body.below_m + body.above_m + LAND_HEADROOM_M
         low, high = self._layers(floor_z_m + FLOOR_BAND_M, top_m)
         occupied, known = columns(self.log_odds, low, high, OCCUPIED)
-        wall, _ = self._layers(self.floor_z_m + WALL_FROM_M, top_m)
-        if wall < low:
-            occupied |= columns(self.log_odds, wall, low, OCCUPIED)[0] & ~known
+        tall, _ = self._layers(self.floor_z_m + GOES_ON_FROM_M, top_m)
+        if tall < low:
+            occupied |= unended(self.log_odds, tall, low, OCCUPIED) & ~known
             known |= occupied
         return Field2.from_occupied(occupied, known, self.origin_m[:2], self.cell_m)
 

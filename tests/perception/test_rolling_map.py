@@ -293,6 +293,14 @@ def test_air_field_is_clipped_to_the_box():
     assert grid.air_field(np.array([30.0, 0.0])).distance_m.shape[0] == 1
 
 
+def test_a_wall_whose_top_is_out_of_view_is_taken_to_go_on_and_a_crate_is_not():
+    wall, crate = ([1.2, -3.0, 0], [1.3, 0.0, 3.0]), ([1.8, 0.4, 0], [2.2, 0.8, 0.5])
+    grid = play(RollingMap(CONFIG), depth_of([FLOOR, wall, crate], pose()), pose(), frames=9)
+    high = grid.slice_field(pose(), 1.9)
+    assert high.lookup(np.array([[1.25, -0.5]]))[0] < 0.1
+    assert not high.is_known(np.array([[2.0, 0.6]]))[0]
+
+
 def test_asking_for_a_slice_at_flying_height_changes_nothing():
     box, lamp = ([1.5, -0.2, 0], [1.8, 0.2, 0.5]), ([1.5, -0.2, 1.4], [1.7, 0.2, 1.6])
     at = pose(z=1.5)
