@@ -88,6 +88,12 @@ ABLATIONS: dict[str, Method] = {
             land_only=False,
             sentence="ours with the rolling map alone: what leaves its 20 m is forgotten",
         ),
+        Method(
+            "no-energy",
+            "ours, no energy term",
+            land_only=False,
+            sentence="ours that prices flying as driving: what is quicker, not what costs fewer joules",
+        ),
     )
 }
 
@@ -155,6 +161,9 @@ def make_planner(name: str, config: RobotConfig, task: Task) -> Planner:
     if name == "two-stage" or name in ABLATIONS:
         from labr_autonomy.planner.pipeline import Pipeline
 
+        if name == "no-energy":
+            even = config.energy.model_copy(update={"air_w": config.energy.land_w})
+            config = config.model_copy(update={"energy": even})
         return Pipeline(config, network=name != "no-network", memory=name != "no-memory")
     if name == "iplanner":
         from sim.bench.iplanner.planner import IPlannerPlanner
