@@ -26,6 +26,7 @@ from labr_autonomy.types import Array
 
 FADE_M = 1.0  # of way takes one unit from all evidence of obstacles: the pose drifts away from it
 GRAIN = 3  # cells
+FREE = -6  # rays of so many images must have passed: fewer may have missed the leg of a chair
 LOOKED_THROUGH = -12  # mean log-odds of four cells, of which three are as free as can be
 DODGE_M = 0.5  # round where something moved nothing is free: the way of a walker while the robot brakes
 
@@ -142,11 +143,11 @@ class DrivingLayer:
         self._judge(x, y)
 
     def assume_free(self, xy_m: Array, radius_m: float) -> None:
-        """Mark what is unknown of a disc as free, as weakly as one ray does."""
+        """Mark what is unknown of a disc as free, as weakly as counts."""
         x, y, disc = self._disc(xy_m, radius_m)
         odds = self.odds[x, y]
         region = self.bands[x, y]
-        region[disc & (odds >= 0) & (odds < OCCUPIED)] = -1
+        region[disc & (odds > FREE) & (odds < OCCUPIED)] = FREE
         self._judge(x, y)
 
     def footing(self, xy_m: Array, radius_m: float) -> Footing | None:
@@ -185,7 +186,7 @@ class DrivingLayer:
         return out
 
     def room(self, place_m: Array, half_m: float) -> Field2:
-        """The same near a place (2|3,), where nothing counts as free that was not seen: for trajectories.
+        """The same near a place (2|3,), where only what was well seen counts as free: for trajectories.
 
         Gaps of the unknown that are narrower than `GRAIN` cells lie between rays, not behind things.
         """
@@ -194,7 +195,8 @@ class DrivingLayer:
         high = low + math.ceil(2.0 * half_m / CELL_M)
         low, high = np.clip(low, 0, n - 1), np.clip(high, 1, n)
         window = np.s_[low[0] : high[0], low[1] : high[1]]
-        occupied, known = self._cells(window)
+        occupied, _ = self._cells(window)
+        known = occupied | (self.odds[window] <= FREE)
         grain = np.ones((GRAIN, GRAIN), np.uint8)
         unseen = cv2.morphologyEx((~known).astype(np.uint8), cv2.MORPH_OPEN, grain)
         for x, y in (self.moving.places_m - self.origin_m) / CELL_M - low:

@@ -171,3 +171,14 @@ def test_what_was_only_looked_under_is_not_free():
     below = np.array([[x, y] for x in np.arange(1.6, 2.8, 0.1) for y in np.arange(0.3, 1.0, 0.1)])
     assert (room.lookup(below) < 0.03).all()
     assert clear(room, 2.0, -0.3) > 0.4
+
+
+@pytest.mark.parametrize(("misses", "free"), [(2, False), (4, True)])
+def test_a_place_that_few_rays_passed_is_not_free(misses, free):
+    """They may have missed the leg of a chair."""
+    grid = looked_at([LEVEL], standing())
+    layer = grid.driving
+    middle = layer.odds.shape[0] // 2
+    patch = np.s_[middle + 30 : middle + 36, middle - 3 : middle + 3]
+    layer.bands[patch], layer.odds[patch] = -2 * misses, -2 * misses
+    assert (clear(grid.land_room(standing(), 0.0, 3.0), 1.65) > 0.0) is free
