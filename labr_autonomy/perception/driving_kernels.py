@@ -110,17 +110,18 @@ def _fill(
 
 
 @compiled
-def judge(bands: Any, eye: int, odds: Any) -> None:
-    """Make one evidence of that of all heights: the strongest for something, else what was seen at the eye's.
+def judge(bands: Any, odds: Any) -> None:
+    """Make one evidence of that of all heights: the strongest for something, else the strongest for nothing.
 
-    Rays that pass below a drawer or a bumper alone say nothing of what is above them.
+    A height at which nothing was seen says nothing: open ground shows none above the camera, and the floor
+    beyond a crest only the lowest. What hangs over a place hides it in the image instead (`cast`).
     """
     for i in range(odds.shape[0]):
         for j in range(odds.shape[1]):
-            most = bands[i, j, 0]
+            most, least = bands[i, j, 0], bands[i, j, 0]
             for k in range(1, BANDS):
-                most = max(most, bands[i, j, k])
-            odds[i, j] = most if most > 0 else bands[i, j, eye]
+                most, least = max(most, bands[i, j, k]), min(least, bands[i, j, k])
+            odds[i, j] = most if most > 0 else least
 
 
 @compiled

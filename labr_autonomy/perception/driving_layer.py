@@ -37,17 +37,16 @@ class DrivingLayer:
     Args:
         side_m: Edge of the square that moves with the robot.
         top_m: Height above the floor up to which something is in the way.
-        eye_m: Height of the camera above the floor while it drives.
     """
 
-    def __init__(self, side_m: float, top_m: float, eye_m: float) -> None:
+    def __init__(self, side_m: float, top_m: float) -> None:
         n = round(side_m / CELL_M)
         self.bands = np.zeros((n, n, kernels.BANDS), np.int8)  # evidence by height
         self.odds = np.zeros((n, n), np.int8)  # and what follows from it; `kernels.judge`
         self.heights_mm = np.full((n, n), NO_FLOOR, np.int16)
         self.spots = np.zeros((n, n, 2), np.int8)  # mean place of a cell's returns; `point_distance`
         self.moving = Moving((n, n), CELL_M, OCCUPIED)
-        self._top_m, self._eye = top_m, kernels.band(eye_m)
+        self._top_m = top_m
         self._corner = np.zeros(2, np.int64)  # odom, in whole cells
         self._marks = np.zeros(self.bands.size, np.int8)
         self._touched = np.zeros(self.bands.size, np.int32)
@@ -159,7 +158,7 @@ class DrivingLayer:
         return footing(heights, corner, CELL_M, xy_m, radius_m)
 
     def _judge(self, x: slice = slice(None), y: slice = slice(None)) -> None:
-        kernels.judge(self.bands[x, y], self._eye, self.odds[x, y])
+        kernels.judge(self.bands[x, y], self.odds[x, y])
 
     def _disc(self, xy_m: Array, radius_m: float) -> tuple[slice, slice, NDArray[np.bool_]]:
         """Cells along x and y round a place (2,) odom, and which of them have their middle within."""

@@ -86,8 +86,7 @@ class RollingMap:
         self._touched = np.zeros(self.log_odds.size, np.int32)
         self._placed = False
         body = config.body
-        top_m = body.below_m + body.above_m + LAND_HEADROOM_M
-        self.driving = DrivingLayer(size_m[0], top_m, body.below_m + config.camera.z_m)
+        self.driving = DrivingLayer(size_m[0], body.below_m + body.above_m + LAND_HEADROOM_M)
         self.floor_z_m = 0.0
         self.frames = 0
 

@@ -158,9 +158,10 @@ def test_rays_below_a_drawer_do_not_free_its_place(gap_m):
         at = standing(float(x), yaw=0.4)
         grid.update(DepthFrame(k, 0.1 * k, seen([LEVEL, drawer, wall], at, rng), OPTICS), at, 0.0)
     room = grid.land_room(standing(1.0), 0.0, 3.0)
-    within = np.array([[x, y] for x in np.arange(1.25, 1.7, 0.05) for y in np.arange(0.4, 0.7, 0.05)])
-    assert (room.lookup(within) < 0.03).all()
-    assert clear(grid.land_field(standing(1.0), 0.0), 1.25, 0.35) < 0.06  # the corner it would touch
+    front = [[1.2, y] for y in np.arange(0.4, 0.7, 0.05)]
+    side = [[x, 0.35] for x in np.arange(1.2, 1.8, 0.05)]
+    assert (grid.land_field(standing(1.0), 0.0).lookup(np.array(front + side)) < 0.05).all()
+    assert (room.lookup(np.array(front + side)) < 0.05).all()
     assert clear(room, 1.5, 0.0) > 0.2  # and beside it there is room
 
 
@@ -182,3 +183,14 @@ def test_a_place_that_few_rays_passed_is_not_free(misses, free):
     patch = np.s_[middle + 30 : middle + 36, middle - 3 : middle + 3]
     layer.bands[patch], layer.odds[patch] = -2 * misses, -2 * misses
     assert (clear(grid.land_room(standing(), 0.0, 3.0), 1.65) > 0.0) is free
+
+
+def test_a_low_box_is_not_forgotten_by_looking_over_it():
+    """The floor gives no returns any more, as in glare; the wall behind it does."""
+    things = [LEVEL, box([1.3, -0.2, 0.0], [1.6, 0.2, 0.09]), box([4.0, -9.0, 0.0], [4.1, 9.0, 2.0])]
+    grid, rng = looked_at(things, standing()), np.random.default_rng(6)
+    for k in range(60):
+        image = seen(things, standing(), rng)
+        image[int(OPTICS.cy) + 10 :] = 0.0
+        grid.update(DepthFrame(9 + k, 0.1 * k, image, OPTICS), standing(), 0.0)
+    assert clear(grid.land_field(standing(), 0.0), 1.32) < 0.06
