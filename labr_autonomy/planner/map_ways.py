@@ -124,7 +124,8 @@ class MapWays:
         """Look whether it stands where it is to take off and has no room: then it drives to the next best."""
         stands = request.mode is Mode.LAND and abs(request.motion.speed_mps) < STANDS_MPS
         waits = stands and not room_above and self.drive_ends(request, ways)
-        self._no_take_off.step(waits, ways.end(request.body_pose.position_m[:2]), request.start_s)
+        end = ways.end(request.body_pose.position_m[:2]) if waits else None
+        self._no_take_off.step(waits, end, request.start_s)
 
     def nearest(self, request: PlanRequest, ways: CostToGo) -> bool:
         """Whether it is where the way to a goal on land ends: there, or as near as there is room for it."""

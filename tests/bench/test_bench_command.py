@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from labr_autonomy import cli
+from labr_autonomy.config import RobotConfig
 from labr_autonomy.errors import BadInput
 from sim.bench import jobs, methods, run
 from sim.bench.settings import world_place
@@ -320,3 +321,13 @@ def test_the_registry_makes_only_what_it_knows():
         "no-memory",
     ]
     assert not methods.ABLATIONS.keys() & {m.name for m in methods.find_methods("all")}
+
+
+def test_without_the_energy_term_a_metre_flown_costs_its_time():
+    config = RobotConfig()
+    prices = [
+        methods.make_planner(name, config, None)._ways._energy.metre_in_air()
+        for name in ("two-stage", "no-energy")
+    ]
+    assert prices[0] > 4.0
+    assert prices[1] == pytest.approx(config.land.speed_mps / config.air.speed_mps)
