@@ -32,6 +32,8 @@ TURN_CLOSE_RAD = math.radians(25.0)  # close to the goal a unicycle has no room 
 SLOW_MPS = 0.25
 SIDE_M = 0.03  # lateral error that is not worth a turn
 LOOK_TO_M = 0.8  # along a path into the unknown
+SOON_M = 1.5  # a path that ends farther away than this is followed first
+BEYOND_M = 0.5  # past the end of what is free
 LOOK_RAD = math.radians(12.0)  # a smaller turn shows nothing new
 VIEW_RAD = math.radians(38.0)  # what lies farther off the heading than this may be out of view
 SEED_GIVE_M = 0.1  # a previous plan this much too close is still worth linearising at
@@ -104,13 +106,12 @@ class LandPlanner:
             return self._fallback(
                 task, state, call, f"the key points are blocked after {path.length_m:.1f} m"
             )
-        turn = self._turn_needed(state, path)
+        turn = self._turn_first(state, points, path, field)
         if turn is not None:
-            x, u = self._model.turn(x0, turn)
+            x, u = self._model.turn(x0, turn[0])
             verdict = task.judge(x, u)
             if verdict.may_leave:
-                degrees = math.degrees(wrap_pi(turn - state.yaw))
-                return give(x, u, verdict, Source.TURN, f"turning by {degrees:.0f} degrees towards the path")
+                return give(x, u, verdict, Source.TURN, turn[1])
             return self._fallback(task, state, call, "no room to stop while turning towards the path")
         pace = reference.Pace(
             min(speed_mps or lim.speed_mps, lim.speed_mps), lim.acceleration_mps2, self.config.body.radius_m
@@ -134,10 +135,7 @@ class LandPlanner:
 
         First along the path; where that is in view already, to the nearest of what it lacks beside it.
         """
-        end = path.points_m[-1]
-        around = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
-        ring = end + (self.hard_m + 2.0 * field.cell_m) * np.column_stack([np.cos(around), np.sin(around)])
-        unseen = ring[~field.is_known(ring)]
+        unseen = self._unseen(path.points_m[-1], field)
         if not len(unseen):
             return None
         wanted = reference.along(np.vstack([state.position_xy, key_points]), np.array([LOOK_TO_M]))[0]
@@ -148,6 +146,43 @@ class LandPlanner:
             if len(beside):
                 ahead = beside[np.abs(beside).argmin()]
         return wrap_pi(state.yaw + float(ahead)) if abs(ahead) > LOOK_RAD else None
+
+    def _turn_first(
+        self, state: LandState, key_points: Array, path: reference.Path, field: DistanceField
+    ) -> tuple[float, str] | None:
+        """Heading to turn to before driving on and why, or None."""
+        look = self._opening(state, key_points, path, field)
+        if look is not None:
+            return look, "looking where the path will lead"
+        turn = self._turn_needed(state, path)
+        if turn is None:
+            return None
+        return turn, f"turning by {math.degrees(wrap_pi(turn - state.yaw)):.0f} degrees towards the path"
+
+    def _opening(
+        self, state: LandState, key_points: Array, path: reference.Path, field: DistanceField
+    ) -> float | None:
+        """Heading to look to before setting out on a path that soon ends where nobody has seen, or None.
+
+        A robot at rest turns in less time than it loses by driving up to there first. Where the path sets
+        out in quite another direction it drives first: one turn would undo the other.
+        """
+        soon = path.blocked and BLOCKED_M <= path.length_m <= SOON_M
+        if not soon or abs(state.speed) > SLOW_MPS or not len(self._unseen(path.points_m[-1], field)):
+            return None
+        way = np.vstack([state.position_xy, key_points])
+        beyond = float(_off_rad(state, reference.along(way, np.array([path.length_m + BEYOND_M])))[0])
+        first = float(_off_rad(state, path.at(LOOK_AHEAD_M)[None])[0])
+        if abs(beyond) <= LOOK_RAD or abs(wrap_pi(first - beyond)) > TURN_RAD:
+            return None
+        return wrap_pi(state.yaw + beyond)
+
+    def _unseen(self, end_m: Array, field: DistanceField) -> Array:
+        """What of the surroundings of a path's end (2,) nobody has seen, (n, 2)."""
+        around = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
+        ring = end_m + (self.hard_m + 2.0 * field.cell_m) * np.column_stack([np.cos(around), np.sin(around)])
+        out: Array = ring[~field.is_known(ring)]
+        return out
 
     def _turn_needed(self, state: LandState, path: reference.Path) -> float | None:
         """Heading to turn to before driving on, or None."""

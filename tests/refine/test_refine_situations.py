@@ -215,6 +215,43 @@ def test_the_way_ahead_of_a_robot_just_put_down_is_free(refiner):
     assert refiner.land(state, keys, field, 0.0, None).source is Source.GKPN
 
 
+BEND = np.array([[5.8, 5.15], [6.3, 5.7], [6.8, 6.3], [7.3, 6.9]])  # soon leaves the view to the east
+
+
+def behind_a_box(*looks):
+    """What a robot has seen that looked about, with a box before it on the right."""
+    known = np.any([wedge(state, 0.75, 0.3 + RING_M).known for state in looks], axis=0)
+    x, y = (np.indices(known.shape) + 0.5) * 0.05
+    known &= ~((x > 6.4) & (y > 4.0) & (y < 5.7))
+    return Field2.from_occupied(~known, known, np.zeros(2), 0.05)
+
+
+def test_a_robot_at_rest_looks_where_its_way_will_leave_its_view(refiner):
+    state = LandState(np.array([5.0, 5.0]), 0.0, 0.0, 0.0)
+    plan = refiner.land(state, BEND, behind_a_box(state), 0.0, None)
+    assert plan.source is Source.TURN
+    turned = plan.trajectory.yaw_rad[-1]
+    assert 0.3 < turned < 0.8
+    there = LandState(state.position_xy, turned, 0.0, 0.0)
+    assert refiner.land(there, BEND, behind_a_box(state, there), 0.0, None).source is Source.GKPN
+
+
+def test_a_robot_that_rolls_or_has_seen_all_of_it_does_not_look_there_first(refiner):
+    state = LandState(np.array([5.0, 5.0]), 0.0, 0.0, 0.0)
+    rolls = LandState(state.position_xy, 0.0, 0.3, 0.0)
+    assert refiner.land(rolls, BEND, behind_a_box(state), 0.0, None).source is Source.GKPN
+    wall = boxes2([(6.2, 4.0, 6.5, 7.5)])  # ends the way as soon, but there is nothing to see
+    assert refiner.land(state, BEND, wall, 0.0, None).source is Source.GKPN
+
+
+def test_no_look_that_the_way_itself_would_turn_back(refiner):
+    """It would turn to and fro for ever."""
+    state = LandState(np.array([5.0, 5.0]), 0.0, 0.0, 0.0)
+    keys = np.array([[5.7, 4.9], [5.3, 5.6], [5.0, 6.5]])
+    plan = refiner.land(state, keys, behind_a_box(state), 0.0, None)
+    assert plan.source is Source.GKPN
+
+
 # ---- in the air
 
 
