@@ -111,17 +111,17 @@ def _fill(
 
 @compiled
 def judge(bands: Any, odds: Any) -> None:
-    """Make one evidence of that of all heights: the strongest for something, else the strongest for nothing.
+    """Make one evidence of that of all heights: the strongest for something, else that just above the floor.
 
-    A height at which nothing was seen says nothing: open ground shows none above the camera, and the floor
-    beyond a crest only the lowest. What hangs over a place hides it in the image instead (`cast`).
+    Rays that passed higher up say nothing of a door stop in the shadow of another. What hangs over a place
+    hides it in the image instead (`cast`), and open ground shows nothing above.
     """
     for i in range(odds.shape[0]):
         for j in range(odds.shape[1]):
-            most, least = bands[i, j, 0], bands[i, j, 0]
+            most = bands[i, j, 0]
             for k in range(1, BANDS):
-                most, least = max(most, bands[i, j, k]), min(least, bands[i, j, k])
-            odds[i, j] = most if most > 0 else least
+                most = max(most, bands[i, j, k])
+            odds[i, j] = most if most > 0 else bands[i, j, 0]
 
 
 @compiled

@@ -194,3 +194,12 @@ def test_a_low_box_is_not_forgotten_by_looking_over_it():
         image[int(OPTICS.cy) + 10 :] = 0.0
         grid.update(DepthFrame(9 + k, 0.1 * k, image, OPTICS), standing(), 0.0)
     assert clear(grid.land_field(standing(), 0.0), 1.32) < 0.06
+
+
+def test_what_was_only_looked_over_is_not_free():
+    """A door stop may lie in the shadow of another; beside them there is room."""
+    low, wall = box([1.3, -0.5, 0.0], [1.4, 0.1, 0.08]), box([5.0, -9.0, 0.0], [5.1, 9.0, 2.0])
+    grid = looked_at([LEVEL, low, wall], standing(), frames=20)
+    behind = np.array([[x, y] for x in np.arange(1.5, 1.8, 0.1) for y in np.arange(-0.35, -0.05, 0.1)])
+    assert (grid.land_room(standing(), 0.0, 3.0).lookup(behind) < 0.05).all()
+    assert clear(grid.land_room(standing(), 0.0, 3.0), 1.6, 0.6) > 0.3
