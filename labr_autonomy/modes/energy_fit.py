@@ -182,7 +182,10 @@ def _transition(flights: Sequence[Samples], mass_kg: float) -> Figure | None:
             if f.phase[last] is Phase.FLYING:
                 gained = max(float(f.height_m[last] - f.height_m[first]), 0.0)
                 ups.append(_joules(f, first, last) - lift_j * gained)
-        downs += [_joules(f, *run) for run in _runs(f, _DOWN) if f.phase[run[1]] is Phase.DRIVING]
+        for first, last in _runs(f, _DOWN):
+            flown = first > 0 and f.phase[first - 1] is Phase.FLYING  # not a take-off that was called off
+            if flown and f.phase[last] is Phase.DRIVING:
+                downs.append(_joules(f, first, last))
     if not ups or not downs:
         return None
     error = None

@@ -135,6 +135,19 @@ def step(state: State, facts: Facts, now_s: float) -> State:
             return state
 
 
+def resumed(state: State) -> State:
+    """After a flight, a pause or a push by hand: it goes on, but what was tried counts (a flight as one try)."""
+    hopped = state.action is Action.HOP
+    return replace(
+        state,
+        action=Action.FOLLOW,
+        since_s=-math.inf,
+        anchor_m=np.full(2, np.inf),
+        turned_rad=None,
+        tries=state.tries + hopped,
+    )
+
+
 def _begin(state: State, action: Action, facts: Facts, now_s: float) -> State:
     return replace(state, action=action, since_s=now_s, from_m=facts.place_m)
 

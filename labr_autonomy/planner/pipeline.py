@@ -32,7 +32,9 @@ LAND_HALF_M = 4.5  # of the map that a trajectory is checked against
 FIELD_HALF_M = (3.5, 3.5)
 RING_M = 0.25  # about a robot that begins to drive the floor is taken for free: the camera cannot see it
 MAP_EVERY_S = 1.0
-HELD_UP_S, STUCK_IN_AIR_S = 1.0, 10.0  # hovering costs twelve times what standing does: it does not wait long
+HELD_UP_S, STUCK_IN_AIR_S = 1.0, 10.0  # hovering costs thirty times what standing does: it does not wait long
+SAME_GOAL_M = 0.05  # a goal that was moved by less is the same
+STILL_MPS = 0.05
 DEPART_M = 0.3  # a flight that goes no farther than this needs no turn
 
 
@@ -62,6 +64,7 @@ class Pipeline:
         self._way_out = WayOut()
         self._held_up_s: float | None = None  # since when a flight gets no farther
         self._begins = True
+        self._goal_m: Array | None = None
         self._seen = -1
         self._drawn_s = -math.inf
         self._turn_m = config.land.speed_mps / config.land.yaw_rate_rps  # a turn costs the time of so many
@@ -79,10 +82,7 @@ class Pipeline:
             self._previous = None
         if request.mode is Mode.LAND and (request.fresh or self._begins):
             self._map.assume_free(request.body_pose, RING_M)
-        if request.fresh:
-            self._way_out.reset()
-            if request.mode is Mode.LAND:
-                self._ways.reset()
+        self._forget(request)
         self._begins = False
         ways = self._ways.on_land(request, self._way_out.closed)
         asked_s = now()
@@ -128,6 +128,17 @@ class Pipeline:
             probe=self._ways.probe(request),
             map_xy_m=self._map_now_and_then(request.start_s),
         )
+
+    def _forget(self, request: PlanRequest) -> None:
+        """What was tried in vain counts for one goal; a robot that was carried elsewhere goes on with it."""
+        another = self._goal_m is None or float(np.linalg.norm(request.goal_m - self._goal_m)) > SAME_GOAL_M
+        self._goal_m = np.array(request.goal_m, dtype=float)
+        if another:
+            self._way_out.reset()
+        elif request.fresh:
+            self._way_out.resume()
+        if another or (request.fresh and request.mode is Mode.LAND):
+            self._ways.reset()
 
     # ------------------------------------------------------------------ ways on the map
     def _lift_off_m(self, request: PlanRequest, network: KeyPoints, ways: CostToGo) -> float:
@@ -218,6 +229,11 @@ class Pipeline:
         self, state: LandState, what: Array | float, field: Field2, request: PlanRequest
     ) -> RefineResult:
         """The trajectory of a step of the recovery."""
+        if (
+            isinstance(what, float) and abs(state.speed) > STILL_MPS
+        ):  # who turns while it rolls leaves its way
+            trajectory = self._refiner.brake_land(state, request.start_s)
+            return RefineResult(trajectory, Source.BRAKE, math.nan, True, "", 0.0)
         if isinstance(what, float):
             trajectory = self._refiner.turn(state, what, request.start_s)
             return RefineResult(trajectory, Source.TURN, math.nan, False, "", 0.0)

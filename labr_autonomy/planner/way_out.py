@@ -30,8 +30,12 @@ class WayOut:
         self._ways = KeptWays()
 
     def reset(self) -> None:
-        """Forget the attempts: another goal, or somebody else has moved the robot."""
+        """Forget the attempts: there is another goal, or it is at its goal."""
         self.state = recovery.State()
+
+    def resume(self) -> None:
+        """It was carried elsewhere, by itself or by somebody: go on, with what was tried in mind."""
+        self.state = recovery.resumed(self.state)
 
     @property
     def hops(self) -> bool:
@@ -58,8 +62,7 @@ class WayOut:
             Places (k, 2) to drive along, a heading to turn to [rad], or None to go on as usual.
         """
         here = request.body_pose.position_m[:2]
-        if not self._trail or float(np.hypot(*(here - self._trail[-1]))) > TRAIL_M:
-            self._trail = [*self._trail[1 - TRAIL_PLACES :], here.copy()]
+        self._follow(here)
         way, path, gap_m = math.isfinite(ways.cost_m(here)), None, None
         if float(np.hypot(*(request.goal_m[:2] - here))) < AT_GOAL_M and (way or not request.goal_in_air):
             self.reset()
@@ -85,10 +88,19 @@ class WayOut:
             case Action.SQUEEZE:
                 return here[None] if path is None else path[1:]
             case Action.BACK:
-                return np.array(self._trail[-2 : -2 - BACK_PLACES : -1])
+                return np.array(self._trail[-2 : -2 - BACK_PLACES : -1] or [here])
             case Action.HOP | Action.GIVE_UP:
                 return here[None]
         return None
+
+    def _follow(self, here: Array) -> None:
+        """Note the way that it comes; where it backs off along that, take back what it has passed."""
+        trail = self._trail
+        if self.state.action is Action.BACK:
+            while len(trail) > 1 and np.hypot(*(here - trail[-2])) < np.hypot(*(here - trail[-1])):
+                trail.pop()
+        elif not trail or float(np.hypot(*(here - trail[-1]))) > TRAIL_M:
+            self._trail = [*trail[1 - TRAIL_PLACES :], here.copy()]
 
     def _ahead(self, request: PlanRequest, ways: CostToGo) -> Array | None:
         """The first gap on the ordinary way that may prove too narrow; looked for by a robot that stands."""

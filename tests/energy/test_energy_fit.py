@@ -85,6 +85,20 @@ def test_a_torn_hand_over_is_no_transition():
     assert fit_energy([flight], land_speed_mps=0.8, mass_kg=3.4).transition_j is None
 
 
+def test_a_take_off_that_was_called_off_is_no_landing():
+    """It disarms on its wheels: a landing's joules would come out far too low."""
+    hop = [Phase.ARMING] * 5 + [Phase.LIFTING] * 5 + [Phase.FLYING] * 5 + [Phase.DESCENDING] * 10
+    called_off = [Phase.DRIVING] * 5 + [Phase.ARMING] * 5 + [Phase.DISARMING] * 5
+    whole = [Phase.DRIVING] * 5 + hop + [Phase.DRIVING] * 5
+
+    def joules(phases):
+        still = np.zeros(len(phases))
+        flight = Samples(0.1 * np.arange(len(phases)), still + 500.0, tuple(phases), still, still, still)
+        return fit_energy([flight], land_speed_mps=0.8, mass_kg=3.4).transition_j.value
+
+    assert joules([*whole, *called_off, Phase.DRIVING]) == pytest.approx(joules(whole))
+
+
 def test_the_air_channel_stands_in_for_the_ground_channel(tmp_path):
     both = read_power(write_flight(tmp_path / "both", air_gain=1.1), 0.3)
     assert both.channel == "ground"
