@@ -37,6 +37,7 @@ class Health:
     taken_over: str  # why the autopilot no longer follows us, "" while it does
     battery_left: float  # 0..1
     battery_reserve: float  # 0..1
+    depth_fault: str = ""  # why depth images cannot be believed, "" while they can
     wheel_fault: str = ""  # why the wheels have to rest, "" while they need not
 
 
@@ -87,6 +88,13 @@ TABLE: tuple[Row, ...] = (
         Reaction.HOLD,
         Reaction.HOLD,
         lambda h: f"no depth image for {h.depth_age_s:.1f} s (limit {DEPTH_LATE_S} s)",
+    ),
+    Row(
+        "depth-untrusted",  # faults.md row 36
+        lambda h: bool(h.depth_fault),
+        Reaction.HOLD,
+        Reaction.HOLD,
+        lambda h: h.depth_fault,
     ),
     Row(
         "plan-late",

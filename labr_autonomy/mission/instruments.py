@@ -55,6 +55,7 @@ def look(
         taken_over=watchers.taken_over(pilot.transition.phase, pilot.landing_asked, air, restarts, now_s),
         battery_left=1.0 if air.battery_remaining is None else air.battery_remaining,
         battery_reserve=config.energy.reserve,
+        depth_fault=pilot.depth_fault,
         wheel_fault=watchers.wheel_fault(ground.latched, now_s),
     )
     return Look(

@@ -76,6 +76,7 @@ class Pilot:
         self._commanded_land = False
         self.take_off_m = 0.0  # height above the floor that a take-off by command climbs to
         self.failure = ""
+        self.depth_fault = ""  # what the planner says of the camera's images
 
     @property
     def mode(self) -> Mode:
@@ -382,7 +383,7 @@ class Pilot:
 
     def accept(self, result: PlanResult, now_s: float) -> None:
         """Take over a plan that came back, unless it came too late or nothing is to be followed."""
-        self._facts = result
+        self._facts, self.depth_fault = result, result.depth_fault
         self._following.take(result, self.planning_mode, now_s)
 
     # ------------------------------------------------------------------ small things

@@ -136,7 +136,7 @@ def step(state: State, facts: Facts, now_s: float) -> State:
 
 
 def resumed(state: State) -> State:
-    """After a flight, a pause or a push by hand: it goes on, but what was tried counts (a flight as one try)."""
+    """After a flight, a pause or a push by hand it goes on; what was tried counts, a flight as one try."""
     hopped = state.action is Action.HOP
     return replace(
         state,

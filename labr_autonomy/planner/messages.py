@@ -76,6 +76,7 @@ class PlanResult:
     hop: bool = False  # the way to a goal on land leaves the floor, or that to one in the air comes down
     nearest: bool = False  # it gets no nearer: there is no room for it beyond
     stuck: bool = False  # everything was tried: it gets no farther
+    depth_fault: str = ""  # why depth images cannot be believed
     probe: str | None = None  # why there is no way to the request's `probe_m`, "" when there is one
     map_xy_m: NDArray[np.float32] | None = field(default=None)  # (n, 2) obstacle cells, now and then
 

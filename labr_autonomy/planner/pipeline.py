@@ -12,6 +12,7 @@ from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import wrap_pi, yaw_of
 from labr_autonomy.modes.decision import lift_off_distance_m
 from labr_autonomy.perception.fields import Field2, Field3
+from labr_autonomy.perception.frame_check import FrameCheck
 from labr_autonomy.perception.rolling_map import RollingMap, warm_up
 from labr_autonomy.planner import routes
 from labr_autonomy.planner.first_stage import GOAL_JOIN_M, FirstStage
@@ -53,6 +54,7 @@ class Pipeline:
         self._config = config
         self._clock = SystemClock()
         self._map = RollingMap(config)
+        self._check = FrameCheck(config.camera.range_max_m)
         warm_up()
         shortest.warm_up()
         self._first, self._asks = FirstStage(config), network
@@ -75,7 +77,8 @@ class Pipeline:
         began_s = now()
         if frame is not None and frame.sequence != self._seen:
             self._seen = frame.sequence
-            self._map.update(frame, request.frame_pose, request.floor_z_m)
+            if self._check.good(frame, request.frame_pose):
+                self._map.update(frame, request.frame_pose, request.floor_z_m)
             self._map.clear_robot(request.body_pose)
         mapped_s = now()
         if request.fresh or (self._previous is not None and self._previous.mode is not request.mode):
@@ -125,6 +128,7 @@ class Pipeline:
                 done_s - routed_s,
                 done_s - began_s,
             ),
+            depth_fault=self._check.fault,
             probe=self._ways.probe(request),
             map_xy_m=self._map_now_and_then(request.start_s),
         )

@@ -14,6 +14,7 @@ BREAK = {
     "vio-lost": {"vio_age_s": math.inf},
     "vio-disagrees": {"vio_rejected": 16},
     "depth-late": {"depth_age_s": 0.6},
+    "depth-untrusted": {"depth_fault": "depth images show 4.00 m everywhere"},
     "plan-late": {"plan_age_s": 2.0},
     "ground-late": {"ground_age_s": 0.4},
     "air-late": {"air_age_s": 3.0},

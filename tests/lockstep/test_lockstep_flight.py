@@ -145,3 +145,35 @@ def test_the_truth_overrules_the_robots_belief():
     assert outcome == "stopped"
     assert "0.60 m off" in reason
     assert _judged("contact", "touched", 0.1)[0] == "contact"
+
+
+class Spoiled(Pipeline):
+    """The two-stage planner behind a camera that goes wrong for a while."""
+
+    FROM_S, TO_S = 4.0, 9.0
+
+    def __init__(self, kind):
+        super().__init__(CONFIG)
+        self.kind, self.last = kind, None
+
+    def cycle(self, request, frame):
+        if self.FROM_S <= frame.stamp_s < self.TO_S:
+            image = {"frozen": self.last, "zero": 0.0 * self.last, "max": 0.0 * self.last + 10.0}[self.kind]
+            frame = replace(frame, depth_m=image.astype(np.float32))
+        else:
+            self.last = frame.depth_m.copy()
+        return super().cycle(request, frame)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(90)
+@pytest.mark.parametrize("kind", ["frozen", "zero", "max"])
+def test_a_camera_that_goes_wrong_stops_the_robot_and_it_goes_on_when_it_is_well(kind):
+    """faults.md, row 36: distrusted within half a second."""
+    result = fly_with(task((2.5, 0.5, BELOW_M)), Spoiled(kind), CONFIG)
+    assert result.outcome == "reached"
+    held_s = next(when for when, what in result.events if "depth images" in what)
+    assert 0.0 < held_s + 1.0 - Spoiled.FROM_S < 0.5  # a trial's clock starts a second late
+    track = np.array(result.track)
+    while_bad = track[(track[:, 0] > held_s + 1.0) & (track[:, 0] < held_s + 4.0), 1:3]
+    assert np.ptp(while_bad, axis=0).max() < 0.02
