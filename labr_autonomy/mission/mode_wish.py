@@ -28,6 +28,7 @@ class Situation:
     reaction: Reaction
     progress: steps.Outputs
     plan: PlanResult | None  # the newest one of the present step
+    short: str = ""  # why a flight from here to the goal cannot be afforded
 
 
 class ModeWish:
@@ -38,16 +39,19 @@ class ModeWish:
 
     Attributes:
         mode: The last wish.
+        refused: Why the flight that is due is not begun, "" while there is none or it may.
     """
 
     def __init__(self, energy: EnergyModel) -> None:
         self.mode = Mode.LAND
+        self.refused = ""
         self._energy = energy
         self._decision = decision.State()
 
     def step(self, at: Situation, look: Look, now_s: float, events: list[str]) -> Mode:
         """The mode that is asked for now; `events` gets the reason of a new wish."""
         step, driving = at.progress.step, at.phase is Phase.DRIVING
+        self.refused = ""
         if at.reaction >= Reaction.LAND or look.order is Order.LAND:
             return Mode.LAND
         if step is None:
@@ -65,17 +69,26 @@ class ModeWish:
                 return Mode.LAND
             share = 1.0 if at.mode is Mode.LAND else 0.5  # come down well inside, then stay down
             over_goal = not step.in_air and at.progress.distance_m < share * step.accept_m
-            self.mode = Mode.LAND if over_goal else Mode.AIR
+            self.mode = self._afforded(Mode.LAND if over_goal else Mode.AIR, at)
             return self.mode
         assert look.odometry is not None
         facts = _facts(at, step, look.odometry)
         if facts is not None:
             self._decision, wanted = decision.step(self._decision, facts, self._energy, now_s)
+            if step.in_air:
+                wanted = self._afforded(wanted, at)
             if wanted is not facts.mode and wanted is not self.mode:
                 where = f"lift-off {facts.lift_off_m:.1f} m ahead, goal {facts.goal_distance_xy_m:.1f} m off"
                 events.append(f"{wanted.value} wanted: {where}")
             self.mode = wanted
         return self.mode
+
+    def _afforded(self, wanted: Mode, at: Situation) -> Mode:
+        """The mode, unless it is a flight that the battery does not last for."""
+        if wanted is Mode.LAND or at.phase is not Phase.DRIVING or not at.short:
+            return wanted
+        self.refused = at.short
+        return Mode.LAND
 
 
 def _facts(at: Situation, step: Step, odometry: Odometry) -> decision.Facts | None:

@@ -21,7 +21,8 @@ from labr_autonomy.mission import steps
 from labr_autonomy.mission.following import Following
 from labr_autonomy.mission.mode_wish import ModeWish, Situation
 from labr_autonomy.mission.pilot_io import Actions, Look, Order
-from labr_autonomy.mission.steps import Kind, Policy, Status, Step
+from labr_autonomy.mission.spare import Spare
+from labr_autonomy.mission.steps import Kind, Status, Step
 from labr_autonomy.modes import transition
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.modes.transition import Command, Phase
@@ -36,7 +37,6 @@ DESCEND_MPS = 0.4
 STOPPED_MPS = 0.03
 STOPPED_RPS = 0.1
 FLOOR_GAIN = 0.2  # a tick; slower ones lag by decimetres on a ramp, quicker ones take jolts for floor
-HOP_M = 10.0  # of flight that a hop over something must have joules for
 TAKE_OFFS_MAX = 3  # refused that often, the mission has failed
 
 
@@ -66,11 +66,10 @@ class Pilot:
         self.transition = transition.State()
         self.failsafe = failsafe.State()
         self._facts: PlanResult | None = None
-        self._energy = EnergyModel.of(config)
-        self._wish = ModeWish(self._energy)
+        self._wish = ModeWish(EnergyModel.of(config))
+        self._spare = Spare(config)
         self._floor_z_m: float | None = None
         self._refused = 0
-        self._battery_left = 1.0
         self._started_s: float | None = None
         self._now_s = self._before_s = 0.0
         self._commanded_land = False
@@ -155,7 +154,7 @@ class Pilot:
         if self._started_s is None:
             self._started_s = self._before_s = now_s
             self.steps = replace(self.steps, entered_s=now_s)
-        before, self._battery_left = self.failsafe, look.health.battery_left
+        before, self._spare.battery_left = self.failsafe, look.health.battery_left
         self.failsafe = failsafe.step(self.failsafe, look.health, now_s)
         if self.failsafe.reaction is not before.reaction and self.failsafe.sentence:
             events.append(f"{self.failsafe.reaction.name.lower()}: {self.failsafe.sentence}")
@@ -164,7 +163,10 @@ class Pilot:
         self._follow_floor(look.odometry)
         progress = self._progress(look, now_s, events)
         status, reaction = self.steps.status, self.failsafe.reaction
-        situation = Situation(self.transition.phase, self.mode, status, reaction, progress, self._facts)
+        short = self._spare.short_of(progress.step, look.odometry.pose.position_m)
+        situation = Situation(
+            self.transition.phase, self.mode, status, reaction, progress, self._facts, short
+        )
         wants = self._wish.step(situation, look, now_s, events)
         outputs = self._hand_over(look, progress.step, wants, now_s, events)
         return self._command(look, outputs, progress, now_s, events)
@@ -209,7 +211,7 @@ class Pilot:
             mode=self.mode,
             settled=self.transition.phase in (Phase.DRIVING, Phase.FLYING),
             nearest=free and self._facts is not None and self._facts.nearest,
-            stuck=free and self._facts is not None and self._facts.stuck,
+            stuck=self._stuck() if free else "",
         )
         index = self.steps.index
         paused = look.order is Order.HOLD and self.steps.status is Status.RUNNING
@@ -371,15 +373,16 @@ class Pilot:
             floor_z_m=self.floor_z_m,
             lift_to_m=self.lift_to_m(step),
             fresh=self._following.course.wants_fresh(),
-            may_hop=self._may_hop(step),
+            may_hop=self._spare.may_hop(step),
             follow=self.planning_mode is not None,
         )
 
-    def _may_hop(self, step: Step | None) -> bool:
-        """Whether policy and battery allow flying over what is in the way of a goal on land."""
-        energy, allowed = self._energy, step is None or step.policy is not Policy.GROUND
-        spare_j = (self._battery_left - self._config.energy.reserve) * self._config.energy.pack_j
-        return allowed and spare_j > energy.transition_j() + energy.air_j(HOP_M)
+    def _stuck(self) -> str:
+        """Why it gets no farther with this step, "" while it may."""
+        if self._wish.refused:
+            return self._wish.refused
+        given_up = self._facts is not None and self._facts.stuck
+        return "no way there, and everything was tried" if given_up else ""
 
     def accept(self, result: PlanResult, now_s: float) -> None:
         """Take over a plan that came back, unless it came too late or nothing is to be followed."""

@@ -84,7 +84,7 @@ class Inputs:
     mode: Mode
     settled: bool  # driving or flying, not in between
     nearest: bool = False  # there is no room for it beyond
-    stuck: bool = False  # the planner has tried everything
+    stuck: str = ""  # why it gets no farther, "" while it may
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,7 @@ def step(state: State, steps: Sequence[Step], i: Inputs, now_s: float) -> tuple[
     if now_s - state.entered_s > current.timeout_s:
         return _failed(state, current, f"not reached within {current.timeout_s:.0f} s", distance, now_s)
     if i.stuck and current.kind is Kind.GOTO:
-        return _failed(state, current, "no way there, and everything was tried", distance, now_s)
+        return _failed(state, current, i.stuck, distance, now_s)
     return replace(state, rest_since_s=None), Outputs(current, distance)
 
 

@@ -23,6 +23,7 @@ def seen(land_mode: int):
     names = wire.MAVLink_land_state_message.fieldnames
     message = wire.MAVLink_land_state_message(**{name: land_mode * (name == "mode") for name in names})
     pilot = SimpleNamespace(
+        depth_fault="",
         mode=Mode.LAND,
         planning_mode=None,
         landing_asked=False,

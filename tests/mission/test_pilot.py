@@ -265,6 +265,21 @@ def test_a_link_fault_stops_the_wheels_and_they_go_on_when_it_clears(fault):
     assert robot.pilot.steps.status is Status.DONE
 
 
+@pytest.mark.parametrize("asked", [AIR_GOAL, replace(FLOOR_GOAL, policy=Policy.AIR)])
+def test_a_flight_that_the_battery_does_not_last_for_is_refused_with_its_joules(asked):
+    """faults.md, row 52: above the reserve, but not by a flight."""
+    robot = Robot(asked, HOME)
+    robot.health = {"battery_left": CONFIG.energy.reserve + 0.005}
+    robot.run(40)
+    assert not robot.armed
+    assert Phase.ARMING not in robot.phases
+    assert robot.pilot.steps.status is Status.FAILED
+    assert any("flying there takes" in e and "2735 J above its reserve" in e for e in robot.events)
+    enough = Robot(asked, HOME)
+    enough.health = {"battery_left": CONFIG.energy.reserve + 0.05}
+    assert Phase.FLYING in enough.run(40).phases
+
+
 def airborne(robot):
     return robot.run(60, until=lambda r: r.actions.phase is Phase.FLYING).run(0.5)
 

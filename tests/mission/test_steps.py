@@ -96,7 +96,9 @@ def test_a_goal_out_of_time_follows_its_policy(on_fail, status, index):
 
 
 def test_a_planner_that_has_tried_everything_ends_the_step_by_its_policy():
-    stuck = Inputs(np.array([0.5, 0.0, 0.12]), 0.0, Mode.LAND, True, stuck=True)
+    stuck = Inputs(
+        np.array([0.5, 0.0, 0.12]), 0.0, Mode.LAND, True, stuck="no way there, and everything was tried"
+    )
     state, out, _ = run([LAND_GOAL], [stuck] * 3)
     assert state.status is LAND_GOAL_ON_FAIL[LAND_GOAL.on_fail]
     state, out = step(State(), [LAND_GOAL], stuck, 0.0)
