@@ -1,4 +1,8 @@
-"""`robot.yaml`: what the robot is, how it is wired and what it may do. Each default names its source."""
+"""`robot.yaml`: what the robot is, how it is wired and what it may do.
+
+Each default names its source; where the paper and datasheets are silent it says that it is assumed or chosen,
+and by what.
+"""
 
 from __future__ import annotations
 
@@ -38,17 +42,21 @@ class Links(Section):
 
 
 class Body(Section):
-    """Outline and mass."""
+    """Outline and mass. The paper gives no lengths: measure them on your robot."""
 
     mass_kg: PositiveFloat = 3.4  # paper, section IV-A
-    radius_m: PositiveFloat = 0.30  # outline of wheels and 9-inch propellers
-    below_m: PositiveFloat = 0.12  # body origin to the floor when it stands on its wheels
-    above_m: PositiveFloat = 0.14  # body origin to the highest point
-    track_m: PositiveFloat = 0.30  # distance of the wheels
+    # Outline of wheels and propellers, assumed: four 9-inch propellers (0.23 m) on a wheelbase of 0.36 m.
+    radius_m: PositiveFloat = 0.30
+    below_m: PositiveFloat = 0.12  # body origin to the floor when it stands on its wheels; assumed
+    above_m: PositiveFloat = 0.14  # body origin to the highest point; assumed
+    track_m: PositiveFloat = 0.30  # distance of the wheels; assumed
 
 
 class Camera(Section):
-    """Intel D435i depth stream at 424x240 (848x480 binned); pose of the camera in body, looking along x."""
+    """Intel D435i depth stream at 424x240 (848x480 binned); pose of the camera in body, looking along x.
+
+    fx and fy make it 90 degrees wide: the upper end of the D400 series datasheet's 87 +- 3.
+    """
 
     width: int = 424
     height: int = 240
@@ -56,8 +64,8 @@ class Camera(Section):
     fy: PositiveFloat = 212.0
     cx: float = 212.0
     cy: float = 120.0
-    x_m: float = 0.14
-    z_m: float = 0.06
+    x_m: float = 0.14  # assumed: in front of the frame
+    z_m: float = 0.06  # assumed: clear of the wheels
     range_min_m: PositiveFloat = 0.30  # D400 series datasheet, minimum Z at 848x480
     range_max_m: PositiveFloat = 10.0  # D435i product page
 
@@ -68,25 +76,25 @@ class Camera(Section):
 
 
 class LandLimits(Section):
-    """What the wheels may do."""
+    """What the wheels may do. Chosen, but for the speed: the paper names none of the others."""
 
-    speed_mps: PositiveFloat = 0.8
-    reverse_mps: PositiveFloat = 0.2
-    acceleration_mps2: PositiveFloat = 1.0
-    yaw_rate_rps: PositiveFloat = 1.5
-    yaw_acceleration_rps2: PositiveFloat = 3.0
+    speed_mps: PositiveFloat = 0.8  # paper, Table 3, land rows: 8.6 m in 11.8 s is 0.73 m/s with its start
+    reverse_mps: PositiveFloat = 0.2  # nothing is seen behind: it stops from this within 2 cm
+    acceleration_mps2: PositiveFloat = 1.0  # a tenth of g: no slip at a friction of 0.2
+    yaw_rate_rps: PositiveFloat = 1.5  # a pixel in 3 ms: images do not smear
+    yaw_acceleration_rps2: PositiveFloat = 3.0  # to that rate in half a second
 
 
 class AirLimits(Section):
-    """What the rotors may do."""
+    """What the rotors may do. Chosen for flights indoors: the paper names none."""
 
-    speed_mps: PositiveFloat = 1.2
-    climb_mps: PositiveFloat = 0.8
-    descend_mps: PositiveFloat = 0.5
-    acceleration_mps2: PositiveFloat = 2.5
-    jerk_mps3: PositiveFloat = 10.0
-    yaw_rate_rps: PositiveFloat = 1.2
-    height_max_m: PositiveFloat = 2.5
+    speed_mps: PositiveFloat = 1.2  # stops in half a metre with the acceleration and jerk below
+    climb_mps: PositiveFloat = 0.8  # two thirds of that
+    descend_mps: PositiveFloat = 0.5  # a third of PX4's default (MPC_Z_VEL_MAX_DN 1.5): out of its own wash
+    acceleration_mps2: PositiveFloat = 2.5  # a tilt of 14 degrees; below PX4's default (MPC_ACC_HOR 3)
+    jerk_mps3: PositiveFloat = 10.0  # that tilt in a quarter of a second
+    yaw_rate_rps: PositiveFloat = 1.2  # as on wheels, for the camera's sake
+    height_max_m: PositiveFloat = 2.5  # below the ceiling of a room
 
 
 class Energy(Section):
@@ -106,11 +114,13 @@ class Energy(Section):
 
 
 class Clearance(Section):
-    """Free distance demanded around the body's outline [m]."""
+    """Free distance demanded around the body's outline [m]. Chosen; flown in `sim/bench/results`."""
 
-    hard_m: float = Field(default=0.04, ge=0.0)  # a trajectory closer than this never leaves the refiner
-    soft_m: float = Field(default=0.12, ge=0.0)  # what the refiner aims for
-    landing_m: float = Field(default=0.15, ge=0.0)  # free ring around the outline where it lands or takes off
+    # A trajectory closer than this never leaves the refiner: how far the robot strays from one. In the air it
+    # is kept by the sphere round the body's middle; rims of the upright cylinder may come as near as 0.01 m.
+    hard_m: float = Field(default=0.04, ge=0.0)
+    soft_m: float = Field(default=0.12, ge=0.0)  # what the refiner aims for: pose and map at three sigmas
+    landing_m: float = Field(default=0.15, ge=0.0)  # free ring round it to land or take off: hover in gusts
     # Rise over run of the floor where it lands or takes off, at most: 10 degrees. Assumed, so that a place
     # stays below the 15 degrees of tilt at which rotors must not be switched off, though the heights seen
     # from the air tell a slope to about 2 degrees only.

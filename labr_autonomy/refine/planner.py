@@ -7,7 +7,7 @@ The caller brings the path of a search as key points of its own (`source=Source.
 
 Clearance is judged at the body's centre. On land the outline is the circle of `body.radius_m`; in the air
 it is the sphere that encloses the body's cylinder (0.33 m by default), so that flying under or through
-something needs 0.66 m of height: more than the body has, but exact enough for doors.
+something needs 0.68 m of height: more than the body has, but exact enough for doors.
 """
 
 from __future__ import annotations
