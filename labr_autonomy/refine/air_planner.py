@@ -131,7 +131,10 @@ class AirPlanner:
                 return call.result(out, verdict, self.outline_m, why)
         flat = TIGHT * OCTAGON * env.speed_mps
         pace = reference.Pace(
-            self._slant(path, flat, env), env.acceleration_mps2 * math.sqrt(0.5), self.config.body.radius_m
+            self._slant(path, flat, env),
+            env.acceleration_mps2 * math.sqrt(0.5),
+            self.config.body.radius_m,
+            reference.BLIND_AIR_M,
         )
         along = path.at(LOOK_AHEAD_M) - path.points_m[0]
         speed0 = float(x0[3:6] @ along) / max(float(np.linalg.norm(along)), 1e-6)

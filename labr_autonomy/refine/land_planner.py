@@ -114,7 +114,10 @@ class LandPlanner:
                 return give(x, u, verdict, Source.TURN, turn[1])
             return self._fallback(task, state, call, "no room to stop while turning towards the path")
         pace = reference.Pace(
-            min(speed_mps or lim.speed_mps, lim.speed_mps), lim.acceleration_mps2, self.config.body.radius_m
+            min(speed_mps or lim.speed_mps, lim.speed_mps),
+            lim.acceleration_mps2,
+            self.config.body.radius_m,
+            reference.BLIND_LAND_M,
         )
         timed = reference.timed(path, abs(state.speed), pace, field)
         seeds = [self._model.cold(x0, timed)]

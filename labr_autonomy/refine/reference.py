@@ -16,8 +16,9 @@ ROUNDS = 15  # of pushing
 PUSH_M = 0.06  # most that one round moves a point
 ACCELERATION_PART = 0.8  # of the limit is planned along the reference; the rest is left to follow it
 CREEP_MPS = 0.25  # unknown space never slows the robot below this, so that it still goes and looks
-NEAR_M = 0.6  # unknown this close to the outline is taken as free: the camera cannot see there
 END_M = 0.15  # an end that was pushed farther than this is not where the key points lead
+BLIND_LAND_M = 0.6  # nearer to the outline than this the camera, low above the floor, may not have seen it
+BLIND_AIR_M = 0.15  # its least distance is 0.3 m, and it looks out of the outline
 MARGIN_M = 0.1  # left between the outline and the first unknown cell after stopping
 
 
@@ -137,6 +138,7 @@ class Pace:
     speed_mps: float
     acceleration_mps2: float
     radius_m: float  # of the outline
+    blind_m: float  # unknown as close to the outline as this is taken as free: the camera cannot see there
 
 
 def timed(path: Path, speed0_mps: float, pace: Pace, field: DistanceField) -> Array:
@@ -144,10 +146,10 @@ def timed(path: Path, speed0_mps: float, pace: Pace, field: DistanceField) -> Ar
 
     Unknown space: the speed along the path is limited so that the outline can stop MARGIN_M before the
     first place of the path that the map does not know, but never below CREEP_MPS; unknown places within
-    NEAR_M of the robot's present outline count as free, because the camera cannot see there.
+    `blind_m` of the robot's present outline count as free. Only the path's own line is looked at.
     """
     length = path.length_m
-    unknown_m = first_unknown(path, field, pace.radius_m)
+    unknown_m = first_unknown(path, field, pace.radius_m + pace.blind_m)
     stop_m = unknown_m - pace.radius_m - MARGIN_M
     a = ACCELERATION_PART * pace.acceleration_mps2
     arcs = np.empty(STEPS + 1)
@@ -163,11 +165,14 @@ def timed(path: Path, speed0_mps: float, pace: Pace, field: DistanceField) -> Ar
     return along(path.points_m, arcs)
 
 
-def first_unknown(path: Path, field: DistanceField, radius_m: float) -> float:
-    """Arc length of the first place on the path that the map does not know [m]; infinite if there is none."""
+def first_unknown(path: Path, field: DistanceField, blind_m: float) -> float:
+    """Arc length of the first place on the path that the map does not know [m]; infinite if there is none.
+
+    Places as near to its beginning as `blind_m` do not count.
+    """
     arcs = np.arange(0.0, path.length_m + CHECK_M, CHECK_M)
     places = along(path.points_m, arcs)
-    near = np.linalg.norm(places - places[0], axis=1) <= radius_m + NEAR_M
+    near = np.linalg.norm(places - places[0], axis=1) <= blind_m
     unknown = ~(field.is_known(places) | near)
     return float(arcs[unknown.argmax()]) if unknown.any() else math.inf
 
