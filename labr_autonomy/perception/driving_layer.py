@@ -142,11 +142,11 @@ class DrivingLayer:
         self._judge(x, y)
 
     def assume_free(self, xy_m: Array, radius_m: float) -> None:
-        """Mark what is unknown of a disc as free, as weakly as counts."""
+        """Mark what is unknown of a disc as free, as weakly as counts; what was seen stays as it is."""
         x, y, disc = self._disc(xy_m, radius_m)
         odds = self.odds[x, y]
         region = self.bands[x, y]
-        region[disc & (odds > FREE) & (odds < OCCUPIED)] = FREE
+        region[disc & (odds > FREE) & (odds <= 0)] = FREE
         self._judge(x, y)
 
     def footing(self, xy_m: Array, radius_m: float) -> Footing | None:

@@ -203,3 +203,12 @@ def test_what_was_only_looked_over_is_not_free():
     behind = np.array([[x, y] for x in np.arange(1.5, 1.8, 0.1) for y in np.arange(-0.35, -0.05, 0.1)])
     assert (grid.land_room(standing(), 0.0, 3.0).lookup(behind) < 0.05).all()
     assert clear(grid.land_room(standing(), 0.0, 3.0), 1.6, 0.6) > 0.3
+
+
+def test_a_single_return_is_not_taken_for_free_when_it_is_put_down():
+    grid = looked_at([LEVEL], standing())
+    layer, middle = grid.driving, grid.driving.odds.shape[0] // 2
+    cell = np.s_[middle + 9, middle]  # at 0.45 m
+    layer.bands[cell], layer.odds[cell] = 20, 20
+    grid.assume_free(standing(), 0.25)
+    assert layer.odds[cell] == 20
