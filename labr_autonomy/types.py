@@ -31,7 +31,7 @@ class Source(enum.Enum):
     PREVIOUS = "previous"  # the previous plan, shifted
     TURN = "turn"  # turning on the spot towards the path
     BRAKE = "brake"  # coming to rest
-    DIRECT = "direct"  # a vertical or straight manoeuvre of the mode transition
+    DIRECT = "direct"  # straight up, down, or to the goal where nothing is in the way
 
 
 @dataclass(frozen=True, slots=True)

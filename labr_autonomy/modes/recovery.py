@@ -178,8 +178,6 @@ def _squeezing(state: State, facts: Facts, stands_s: float, now_s: float) -> Sta
     if facts.tight_way and stands_s < STANDS_S:
         return state
     shut = () if facts.gap_m is None else (Closed(facts.gap_m, now_s + CLOSED_S),)
-    if state.turned_rad is None or abs(wrap_pi(facts.yaw_rad - state.turned_rad)) > TURNED_RAD:
-        state = replace(state, turned_rad=facts.yaw_rad, turned_s=now_s)
     state = replace(state, closed=state.closed + shut, tries=state.tries + 1)
     if facts.trail and state.tries % 2 == 1:
         return _begin(state, Action.BACK, facts, now_s)

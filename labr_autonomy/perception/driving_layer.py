@@ -58,8 +58,12 @@ class DrivingLayer:
         out: Array = self._corner.astype(np.float64) * CELL_M
         return out
 
-    def follow(self, place_m: Array) -> None:
-        """Move the square by pairs of cells so that a place (2|3,) is in its middle; new ones are unknown."""
+    def follow(self, place_m: Array) -> bool:
+        """Move the square by pairs of cells so that a place (2|3,) is in its middle; new ones are unknown.
+
+        Returns:
+            Whether all evidence of obstacles faded by a unit: once every `FADE_M` of way.
+        """
         n = self.odds.shape[0]
         corner = 2 * np.floor(np.asarray(place_m[:2], float) / (2.0 * CELL_M)).astype(np.int64) - n // 2
         by = corner - self._corner
@@ -72,10 +76,12 @@ class DrivingLayer:
         place = np.array(place_m[:2], float)
         if self._faded_m is None:
             self._faded_m = place
-        elif float(np.hypot(*(place - self._faded_m))) >= FADE_M:
-            self._faded_m = place
-            self.bands -= self.bands > 0
-            self._judge()
+        if float(np.hypot(*(place - self._faded_m))) < FADE_M:
+            return False
+        self._faded_m = place
+        self.bands -= self.bands > 0
+        self._judge()
+        return True
 
     def update(
         self,
@@ -106,7 +112,7 @@ class DrivingLayer:
             stamp_s: Of the image.
 
         Returns:
-            How many cells were seen.
+            How many cells were seen, at each height for itself.
         """
         corner = np.array([*self.origin_m, floor_z_m])
         count: int = kernels.cast(

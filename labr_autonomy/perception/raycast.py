@@ -182,7 +182,11 @@ def cast(
 
 @compiled
 def apply(log_odds: Any, marks: Any, touched: Any, count: int, miss: int, lowest: int, highest: int) -> None:
-    """Move the frame's marks into the flat log-odds grid, clamped, and clear them."""
+    """Move the frame's marks into the flat log-odds grid, clamped, and clear them.
+
+    A mark is 0 for untouched, 1 for passed, else 1 more than what its returns are worth; `touched` holds the
+    flat indices of the first `count` cells with one.
+    """
     for i in range(count):
         index = touched[i]
         mark = marks[index]

@@ -102,13 +102,8 @@ class RollingMap:
         return self.log_odds >= OCCUPIED
 
     @property
-    def free(self) -> Bits:
-        """(nx, ny, nz) cells that were seen through."""
-        return self.log_odds < 0
-
-    @property
     def unknown(self) -> Bits:
-        """(nx, ny, nz) cells that are neither."""
+        """(nx, ny, nz) cells that were neither seen to be solid nor seen through."""
         return (self.log_odds >= 0) & (self.log_odds < OCCUPIED)
 
     def update(self, frame: DepthFrame, pose: Pose, floor_z_m: float) -> int:
@@ -268,15 +263,12 @@ class RollingMap:
         out: Array = np.add(self._corner[:2] + 0.5, cells, dtype=np.float64) * self.cell_m
         return out
 
-    def air_field(
-        self, centre_m: Array, half_m: tuple[float, float] = (3.0, 3.0), *, floor: bool = True
-    ) -> Field3:
-        """Distance to anything solid in a crop of the box, over its whole height.
+    def air_field(self, centre_m: Array, half_m: tuple[float, float] = (3.0, 3.0)) -> Field3:
+        """Distance to anything solid in a crop of the box, over its whole height; below the floor all is.
 
         Args:
             centre_m: Centre of the crop (2,) or (3,), odom; only x and y count.
             half_m: Half of its edges along x and y [m].
-            floor: Whether everything below the floor counts as solid; leave it out to take off and land.
         """
         self._require_place()
         centre = np.asarray(centre_m, float)[:2]
@@ -289,10 +281,9 @@ class RollingMap:
         crop = self.log_odds[low[0] : high[0], low[1] : high[1]]
         occupied = crop >= OCCUPIED
         known = occupied | (crop < 0)
-        if floor:
-            below = max(0, round(self.floor_z_m / self.cell_m - float(self._corner[2])))
-            occupied[:, :, :below] = True
-            known[:, :, :below] = True
+        below = max(0, round(self.floor_z_m / self.cell_m - float(self._corner[2])))
+        occupied[:, :, :below] = True
+        known[:, :, :below] = True
         corner = self._corner + np.array([low[0], low[1], 0])
         return Field3.from_occupied(occupied, known, corner * self.cell_m, self.cell_m)
 
@@ -332,7 +323,8 @@ class RollingMap:
             self.log_odds = moved(self.log_odds, corner - self._corner, 0)
         self._corner = corner
         self._placed = True
-        self.driving.follow(position_m)
+        if self.driving.follow(position_m):
+            self.log_odds -= self.log_odds > 0
 
     def _disc(self, xy_m: Array, radius_m: float, touching: bool = False) -> tuple[slice, slice, Bits]:
         """Cells of a disc: slices along x and y and the mask within them, by centre or by any touch."""

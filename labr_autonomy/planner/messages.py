@@ -65,12 +65,12 @@ class PlanResult:
     network: KeyPoints  # what the network said
     followed: KeyPoints | None  # what the trajectory was made from
     source: Source
-    clearance_m: float
+    clearance_m: float  # least of the trajectory's outline to what was seen; NaN where none was looked for
     reason: str  # why the trajectory is what it is, when it is not the network's
-    lift_off_m: float  # along the network's path to its first key point in the air; inf if none
-    land_path_ends: bool
-    take_off_clear: bool
-    landing_clear: bool
+    lift_off_m: float  # along the way that is followed to where it leaves the floor; inf if it does not
+    land_path_ends: bool  # driving on costs more than it saves
+    take_off_clear: bool  # room to go straight up from here
+    landing_clear: bool  # room to come straight down here, and nothing to gain by flying on
     timings: Timings
     depart_rad: float = math.nan  # odom, where a flight from here would begin to go; while it takes off
     hop: bool = False  # the way to a goal on land leaves the floor, or that to one in the air comes down

@@ -217,25 +217,22 @@ class CostToGo:
         return way
 
 
-def search_land(
-    field: Field2, start_xy: Array, goal_xy: Array, radius_m: float, unknown_cost: float = UNKNOWN_COST
-) -> Array | None:
-    """One shortest drivable path, (k, 2) odom with the start first; None if there is none.
-
-    The start is moved to the nearest free cell within START_SNAP_M; the rest is as for `CostToGo`.
-    """
-    return CostToGo(field, goal_xy, radius_m, unknown_cost).path(start_xy)
-
-
 def cell_cost(distance_m: Array, known: Bits, radius_m: float, unknown_cost: float) -> Array:
-    """Price of a metre in each cell: 1 far from obstacles, more near them and where nothing was seen."""
+    """Price (nx, ny) of a metre in each cell: 1 far from obstacles, more near them and where nothing was seen.
+
+    Args:
+        distance_m: (nx, ny) to obstacles.
+        known: (nx, ny) cells that were seen.
+        radius_m: Of the outline.
+        unknown_cost: Factor on the others.
+    """
     price = 1.0 + NEAR_COST * np.exp(-np.maximum(distance_m - radius_m - KEEP_M, 0.0) / NEAR_M)
     out: Array = price * np.where(known, 1.0, unknown_cost)
     return out
 
 
 def snap(field: Field2, free: Bits, place: Array, reach_m: float) -> NDArray[np.int64] | None:
-    """The free cell nearest to a place, (2,), or None beyond `reach_m`."""
+    """The cell (2,) of `free` (nx, ny) nearest to a place (2,) odom, or None beyond `reach_m`."""
     u = (np.asarray(place, dtype=float) - field.origin_m) / field.cell_m - 0.5
     reach = reach_m / field.cell_m
     low = np.maximum(np.floor(u - reach).astype(int), 0)
@@ -273,7 +270,7 @@ def _shut(free: Bits, at: Array, radius: float) -> None:
 
 
 def straightened(cells: NDArray[np.int64], free: Bits, cost: Array) -> NDArray[np.int64]:
-    """Corners only: straight cuts that stay free and cost no more than what they replace."""
+    """Corners (k, 2) of a way of cells (n, 2): straight cuts that stay free and cost no more, by `cost` (nx, ny)."""
     spans = np.hypot(*np.diff(cells, axis=0).T)
     price = cost[tuple(cells.T)]
     spent = np.concatenate([[0.0], np.cumsum(spans * 0.5 * (price[1:] + price[:-1]))])

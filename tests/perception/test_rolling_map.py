@@ -275,14 +275,13 @@ def test_the_robot_itself_is_free_space():
     assert grid.land_field(pose(0.5, 0.5), 0.0).is_known(np.array([[0.5, 0.5]]))[0]
 
 
-def test_air_field_has_a_floor_unless_told_otherwise():
+def test_air_field_has_a_floor():
     grid = play(RollingMap(CONFIG), depth_of([FLOOR], pose()), frames=2)
     point = np.array([[0.5, 0.2, 0.72]])
     field = grid.air_field(np.array([0.5, 0.0, 1.0]))
     assert field.lookup(point)[0] == pytest.approx(0.72, abs=1e-5)
     assert field.distance_m.shape == (60, 60, 32)
     assert field.contains(point)[0]
-    assert grid.air_field(np.zeros(2), floor=False).lookup(point)[0] > 3.0
 
 
 def test_air_field_is_clipped_to_the_box():
@@ -368,3 +367,23 @@ def test_without_the_rule_of_the_border_the_leg_would_be_forgotten(monkeypatch):
     monkeypatch.setattr(raycast, "wholly_in_view", njit(lambda *_: 0.0))
     monkeypatch.setattr(raycast, "cast", njit(raycast.cast.py_func))
     assert pan_past_a_leg(RollingMap(CONFIG)) != "occupied"
+
+
+def test_what_was_not_seen_again_is_forgotten_as_the_robot_drives_on():
+    """The pose drifts away from it: on the floor and at the height of flight."""
+    grid, at = RollingMap(CONFIG), pose()
+    wall = [FLOOR, ([1.5, -1.0, 0.0], [1.6, 1.0, 1.5])]
+    play(grid, depth_of(wall, at), frames=20)
+    high, low = np.array([[1.55, 0.0, 1.0]]), np.array([[1.55, 0.0]])
+
+    def seen():
+        field = grid.land_field(at, 0.0)
+        return grid.air_field(np.zeros(2)).lookup(high)[0] < 0.1, field.lookup(low)[0] < 0.1
+
+    assert seen() == (True, True)
+    for k in range(30):
+        grid.update(frame(NOTHING, 99), pose(-1.1 * (k % 2), 0.0), 0.0)
+    assert seen() == (True, True)
+    for k in range(30):
+        grid.update(frame(NOTHING, 99), pose(-1.1 * (k % 2), 0.0), 0.0)
+    assert seen() == (False, False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from labr_autonomy.perception.fields import Field2, Field3
+from labr_autonomy.refine.search import CostToGo
 
 CELL_M = 0.1
 
@@ -47,3 +48,8 @@ def random_boxes(seed, start, goal, count=10):
         if min(gap) > 0.9:
             out.append((*(centre - half), *(centre + half)))
     return out
+
+
+def shortest_way(field, start_xy, goal_xy, radius_m, **how):
+    """One shortest drivable path (k, 2), None without one."""
+    return CostToGo(field, goal_xy, radius_m, **how).path(start_xy)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from refine_rooms import boxes2, boxes3, random_boxes
+from refine_rooms import boxes2, boxes3, random_boxes, shortest_way
 
 from labr_autonomy.refine.reference import to_key_points
-from labr_autonomy.refine.search import search_land
 from labr_autonomy.refine.values import AirState, LandState
 from labr_autonomy.types import Source
 
@@ -28,7 +27,7 @@ def test_drives_through_a_room(refiner, seed):
     state = LandState(np.array(START), rng.uniform(-3, 3), 0.0, 0.0)
     now, previous, least = 100.0, None, np.inf
     for _ in range(300):
-        path = search_land(field, state.position_xy, goal, refiner.land_hard_m + 0.01)
+        path = shortest_way(field, state.position_xy, goal, refiner.land_hard_m + 0.01)
         assert path is not None
         keys = to_key_points(path)
         result = refiner.land(state, jittered(rng, keys, goal), field, now, previous)
@@ -65,7 +64,7 @@ def test_flies_through_a_room(refiner, seed):
     state = AirState(np.array([*START, 1.2]), np.zeros(3), np.zeros(3), rng.uniform(-3, 3))
     now, previous, least = 50.0, None, np.inf
     for _ in range(300):
-        path = search_land(tall, state.position[:2], goal[:2], refiner.air_hard_m + 0.01)
+        path = shortest_way(tall, state.position[:2], goal[:2], refiner.air_hard_m + 0.01)
         assert path is not None
         flat = to_key_points(path)
         keys = np.column_stack([flat, np.linspace(state.position[2], goal[2], len(flat) + 1)[1:]])

@@ -8,12 +8,12 @@ import math
 
 import numpy as np
 import pytest
-from refine_rooms import boxes2, random_boxes
+from refine_rooms import boxes2, random_boxes, shortest_way
 
 from labr_autonomy.clock import SystemClock
 from labr_autonomy.refine import search
 from labr_autonomy.refine.reference import to_key_points
-from labr_autonomy.refine.search import CostToGo, search_land
+from labr_autonomy.refine.search import CostToGo
 
 
 def brute_force(free, price, start, goal):
@@ -55,7 +55,7 @@ def test_cost_equals_brute_force_and_the_path_is_free(seed):
     price = search.cell_cost(distance, field.known, 0.35, 2.0)
     a, b = ((int(p[0] / 0.1), int(p[1] / 0.1)) for p in (start, goal))
     wanted = brute_force(free, price, a, b)
-    path = search_land(field, np.array(start), np.array(goal), 0.35)
+    path = shortest_way(field, np.array(start), np.array(goal), 0.35)
     if path is None:
         assert wanted == math.inf
         return
@@ -70,33 +70,33 @@ def test_cost_equals_brute_force_and_the_path_is_free(seed):
 
 def test_prefers_known_ground_and_open_space():
     wall = [(4.0, 2.0, 5.0, 6.0)]
-    low = search_land(boxes2(wall), np.array([2.0, 4.0]), np.array([7.0, 4.0]), 0.35)
+    low = shortest_way(boxes2(wall), np.array([2.0, 4.0]), np.array([7.0, 4.0]), 0.35)
     assert low is not None
     unknown = boxes2(wall, unknown=[(0.0, 0.0, 10.0, 2.0), (3.0, 0.0, 6.0, 2.0)])
-    around = search_land(unknown, np.array([2.0, 4.0]), np.array([7.0, 4.0]), 0.35, unknown_cost=10.0)
+    around = shortest_way(unknown, np.array([2.0, 4.0]), np.array([7.0, 4.0]), 0.35, unknown_cost=10.0)
     assert around is not None
     assert around[:, 1].max() > 6.0
     assert (
-        search_land(unknown, np.array([2.0, 4.0]), np.array([7.0, 4.0]), 0.35, unknown_cost=1.0) is not None
+        shortest_way(unknown, np.array([2.0, 4.0]), np.array([7.0, 4.0]), 0.35, unknown_cost=1.0) is not None
     )
 
 
 def test_ends_are_snapped():
     field = boxes2([(4.0, 4.0, 6.0, 6.0)])
-    inside = search_land(field, np.array([2.0, 5.0]), np.array([4.1, 5.0]), 0.35)
+    inside = shortest_way(field, np.array([2.0, 5.0]), np.array([4.1, 5.0]), 0.35)
     assert inside is not None
     assert 0.3 < 4.0 - inside[-1, 0] < 0.5
-    assert search_land(field, np.array([2.0, 5.0]), np.array([5.0, 5.0]), 0.35) is None
-    close = search_land(field, np.array([3.8, 5.0]), np.array([2.0, 5.0]), 0.35)
+    assert shortest_way(field, np.array([2.0, 5.0]), np.array([5.0, 5.0]), 0.35) is None
+    close = shortest_way(field, np.array([3.8, 5.0]), np.array([2.0, 5.0]), 0.35)
     assert close is not None
     assert np.array_equal(close[0], [3.8, 5.0])
-    beyond = search_land(field, np.array([2.0, 2.0]), np.array([2.0, 30.0]), 0.0)
+    beyond = shortest_way(field, np.array([2.0, 2.0]), np.array([2.0, 30.0]), 0.0)
     assert beyond is None or beyond[-1, 1] < 10.0
 
 
 def test_no_way_is_none():
     field = boxes2([(4.0, 0.0, 5.0, 10.0)])
-    assert search_land(field, np.array([2.0, 5.0]), np.array([7.0, 5.0]), 0.35) is None
+    assert shortest_way(field, np.array([2.0, 5.0]), np.array([7.0, 5.0]), 0.35) is None
 
 
 @pytest.mark.slow
@@ -104,11 +104,11 @@ def test_200_by_200_in_the_time_of_one_tick():
     rng = np.random.default_rng(0)
     boxes = [(*c, *(c + rng.uniform(0.3, 1.2, 2))) for c in rng.uniform([2, 1], [17, 18], (25, 2))]
     field = boxes2(boxes, (20.0, 20.0))
-    search_land(field, np.array([1.0, 1.0]), np.array([19.0, 19.0]), 0.35)  # builds the topology
+    shortest_way(field, np.array([1.0, 1.0]), np.array([19.0, 19.0]), 0.35)  # builds the topology
     took = []
     for _ in range(5):
         began = SystemClock().now_s()
-        path = search_land(field, np.array([1.0, 1.0]), np.array([19.0, 19.0]), 0.35)
+        path = shortest_way(field, np.array([1.0, 1.0]), np.array([19.0, 19.0]), 0.35)
         took.append(SystemClock().now_s() - began)
     assert path is not None
     assert min(took) < 0.1  # 30 ms on an idle machine
