@@ -213,7 +213,7 @@ class Desk:
             home = Step(StepKind.GOTO, "return (operator)", self._home_m.copy())
             self._pilot.insert([home], now_s, keep=False)
         else:
-            here = Step(StepKind.LAND, "land now (operator)", on_fail=OnFail.HOLD)
+            here = Step(StepKind.LAND, "land now (operator)", on_fail=OnFail.HOLD, here=True)
             self._pause_after = here
             self._pilot.insert([here], now_s)
 

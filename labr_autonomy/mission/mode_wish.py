@@ -17,6 +17,8 @@ from labr_autonomy.modes.transition import Phase
 from labr_autonomy.planner.messages import PlanResult
 from labr_autonomy.types import Mode, Odometry
 
+SLOW_MPS = 0.3  # a robot that flies faster than this does not begin to come down
+
 
 @dataclass(frozen=True, slots=True)
 class Situation:
@@ -39,12 +41,14 @@ class ModeWish:
 
     Attributes:
         mode: The last wish.
+        seeks: It is to come down and flies on to where there is room.
         refused: Why the flight that is due is not begun, "" while there is none or it may.
     """
 
     def __init__(self, energy: EnergyModel) -> None:
         self.mode = Mode.LAND
         self.refused = ""
+        self.seeks = False
         self._energy = energy
         self._decision = decision.State()
 
@@ -52,12 +56,16 @@ class ModeWish:
         """The mode that is asked for now; `events` gets the reason of a new wish."""
         step, driving = at.progress.step, at.phase is Phase.DRIVING
         self.refused = ""
+        sought, self.seeks = self.seeks, False
         if at.reaction >= Reaction.LAND or look.order is Order.LAND:
             return Mode.LAND
-        if step is None:
-            return Mode.LAND if at.status is not Status.HOLDING else at.mode
-        if step.kind is Kind.LAND or step.policy is Policy.GROUND:
-            return Mode.LAND
+        if step is None and at.status is Status.HOLDING:
+            return at.mode
+        if step is None or step.kind is Kind.LAND or step.policy is Policy.GROUND:
+            wanted = self._down(at, step, look)
+            if self.seeks and not sought:
+                events.append("no room to come down here: looking for a place")
+            return wanted
         held = look.order is Order.HOLD or at.reaction is Reaction.HOLD
         late = look.health.ground_age_s > failsafe.GROUND_LATE_S
         if (held or look.health.estop or late) and at.phase in (Phase.STOPPING, Phase.ARMING):
@@ -69,6 +77,7 @@ class ModeWish:
                 return Mode.LAND
             share = 1.0 if at.mode is Mode.LAND else 0.5  # come down well inside, then stay down
             over_goal = not step.in_air and at.progress.distance_m < share * step.accept_m
+            over_goal &= at.mode is Mode.LAND or (at.plan is not None and at.plan.landing_clear)
             self.mode = self._afforded(Mode.LAND if over_goal else Mode.AIR, at)
             return self.mode
         assert look.odometry is not None
@@ -82,6 +91,20 @@ class ModeWish:
                 events.append(f"{wanted.value} wanted: {where}")
             self.mode = wanted
         return self.mode
+
+    def _down(self, at: Situation, step: Step | None, look: Look) -> Mode:
+        """To land: at once where it may, else in the air until a plan has found room and led there.
+
+        A robot that cannot tell, because something has failed, comes down where it is.
+        """
+        may_look = at.phase is Phase.FLYING and at.reaction is Reaction.NONE and look.order is Order.FLY
+        if not may_look or (step is not None and step.here):
+            return Mode.LAND
+        assert look.odometry is not None
+        clear = at.plan is not None and at.plan.landing_clear
+        self.seeks = at.plan is not None and not clear
+        slow = float(np.hypot(*look.odometry.velocity_mps[:2])) < SLOW_MPS
+        return Mode.LAND if clear and slow else Mode.AIR
 
     def _afforded(self, wanted: Mode, at: Situation) -> Mode:
         """The mode, unless it is a flight that the battery does not last for."""

@@ -27,7 +27,7 @@ from labr_autonomy.modes import transition
 from labr_autonomy.modes.energy import EnergyModel
 from labr_autonomy.modes.transition import Command, Phase
 from labr_autonomy.planner.messages import PlanRequest, PlanResult
-from labr_autonomy.types import Mode, Odometry, Pose, SetPoint
+from labr_autonomy.types import Array, Mode, Odometry, Pose, SetPoint
 
 PLAN_LEAD_S = 0.08  # a new trajectory begins this long after its request
 LIFT_MIN_M = 0.8  # a hop is never lower than this above driving height
@@ -73,6 +73,7 @@ class Pilot:
         self._started_s: float | None = None
         self._now_s = self._before_s = 0.0
         self._commanded_land = False
+        self._down_m: Array | None = None  # the floor below where it was to come down, while it flies
         self.take_off_m = 0.0  # height above the floor that a take-off by command climbs to
         self.failure = ""
         self.depth_fault = ""  # what the planner says of the camera's images
@@ -324,7 +325,7 @@ class Pilot:
         if outputs.wheels and not held and progress.step is not None and progress.step.kind is Kind.GOTO:
             reference, speed, turn = self._following.drive(look.odometry, now_s, events)
         elif outputs.rotors and not (yields or look.in_doubt):
-            staying = progress.step is None or progress.step.kind is not Kind.GOTO
+            staying = not self._wish.seeks and (progress.step is None or progress.step.kind is not Kind.GOTO)
             flying = self.transition.phase is Phase.FLYING
             reference = self._following.fly(flying, held or staying, now_s, events)
             # while the autopilot lands or lifts off by itself, set-points would only confuse it
@@ -357,7 +358,7 @@ class Pilot:
     ) -> PlanRequest:
         """What to plan next; without a goal, to stay here."""
         step = self.step_at(self.steps.index)
-        goal = odometry.pose.position_m if step is None or step.goal_m is None else step.goal_m
+        goal = self._goal_m(step, odometry)
         mode = self.planning_mode or Mode.AIR
         start_s = now_s + PLAN_LEAD_S
         return PlanRequest(
@@ -376,6 +377,17 @@ class Pilot:
             may_hop=self._spare.may_hop(step),
             follow=self.planning_mode is not None,
         )
+
+    def _goal_m(self, step: Step | None, odometry: Odometry) -> Array:
+        """Where to plan to: without a goal here, or to the floor below where it was to come down."""
+        lands = step is None or step.kind is Kind.LAND
+        if not lands or self.transition.phase is not Phase.FLYING:
+            self._down_m = None
+        elif self._down_m is None:
+            self._down_m = np.array([*odometry.pose.position_m[:2], self._drive_z_m])
+        if step is not None and step.goal_m is not None:
+            return step.goal_m
+        return odometry.pose.position_m if self._down_m is None else self._down_m
 
     def _stuck(self) -> str:
         """Why it gets no farther with this step, "" while it may."""

@@ -54,6 +54,7 @@ class Step:
     wait_s: float = 0.0
     timeout_s: float = 180.0
     on_fail: OnFail = OnFail.STOP
+    here: bool = False  # of a landing: right here, whatever the map shows below
 
 
 class Status(enum.Enum):

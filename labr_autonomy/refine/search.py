@@ -218,7 +218,7 @@ class CostToGo:
 
 
 def cell_cost(distance_m: Array, known: Bits, radius_m: float, unknown_cost: float) -> Array:
-    """Price (nx, ny) of a metre in each cell: 1 far from obstacles, more near them and where nothing was seen.
+    """Price (nx, ny) of a metre in each cell: 1 far from obstacles, more near them and in unseen cells.
 
     Args:
         distance_m: (nx, ny) to obstacles.
@@ -270,7 +270,10 @@ def _shut(free: Bits, at: Array, radius: float) -> None:
 
 
 def straightened(cells: NDArray[np.int64], free: Bits, cost: Array) -> NDArray[np.int64]:
-    """Corners (k, 2) of a way of cells (n, 2): straight cuts that stay free and cost no more, by `cost` (nx, ny)."""
+    """Corners (k, 2) of a way (n, 2) of cells: straight cuts that stay free and cost no more.
+
+    `free` and `cost` are (nx, ny).
+    """
     spans = np.hypot(*np.diff(cells, axis=0).T)
     price = cost[tuple(cells.T)]
     spent = np.concatenate([[0.0], np.cumsum(spans * 0.5 * (price[1:] + price[:-1]))])

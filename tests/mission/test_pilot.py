@@ -572,6 +572,42 @@ def test_a_hold_stops_the_clock_of_the_mission():
     assert robot.pilot.steps.status is Status.DONE
 
 
+@pytest.mark.parametrize("after", [(Step(Kind.LAND, "l"),), ()], ids=["a landing", "the mission's end"])
+def test_it_comes_down_only_where_there_is_room(after):
+    robot = airborne(Robot(AIR_GOAL, *after))
+    robot.landing_clear = False
+    robot.run(30.0)
+    assert robot.actions.phase is Phase.FLYING, "it looks for a place"
+    assert robot.events.count("no room to come down here: looking for a place") == 1
+    robot.landing_clear = True
+    robot.run(30.0)
+    assert robot.actions.finished
+    assert robot.height < 0.01
+
+
+@pytest.mark.parametrize(
+    ("step", "health"),
+    [(Step(Kind.LAND, "now", here=True), {}), (Step(Kind.LAND, "l"), {"battery_left": 0.1}),
+     (Step(Kind.LAND, "l"), {"depth_age_s": 1.0})],
+    ids=["the operator says so", "the battery is at its end", "nobody can tell"],
+)  # fmt: skip
+def test_it_comes_down_where_it_is_when_it_must(step, health):
+    robot = airborne(Robot(AIR_GOAL, step))
+    robot.run(30, until=lambda r: r.pilot.steps.index == 1)
+    robot.landing_clear, robot.health = False, health
+    robot.run(20.0)
+    assert robot.height < 0.01
+    assert Phase.DISARMING in robot.phases
+
+
+def test_a_flying_robot_stops_before_it_comes_down():
+    robot = airborne(Robot(AIR_GOAL, Step(Kind.GOTO, "far", np.array([9.0, 1.0, 1.5]), in_air=True)))
+    robot.run(30, until=lambda r: r.pilot.steps.index == 1 and np.hypot(*r.velocity[:2]) > 0.5)
+    robot.pilot.insert([Step(Kind.LAND, "l")], robot.now_s, keep=False)
+    robot.run(30, until=lambda r: r.actions.phase is Phase.DESCENDING)
+    assert np.hypot(*robot.velocity[:2]) < 0.35
+
+
 def test_an_air_set_point_outside_the_fence_is_replaced_by_the_last_good_one():
     fence = Zone(((-1.0, -1.0), (2.5, -1.0), (2.5, 2.0), (-1.0, 2.0)), keep_in=True)
     inside = Step(Kind.GOTO, "in", np.array([1.0, 1.0, 1.5]), in_air=True)
