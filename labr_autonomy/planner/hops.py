@@ -71,6 +71,10 @@ class Hops:
         self._end, self._aloft_s = None, None
         self._refused.reset()
 
+    def anywhere(self) -> None:
+        """Let the present flight come down wherever there is room."""
+        self._aloft_s = -math.inf
+
     def planned(self, ways: CostToGo, here_m: Array) -> bool:
         """Whether the way from here takes off at its end."""
         if self._end is None:

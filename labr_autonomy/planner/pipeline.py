@@ -33,6 +33,7 @@ LAND_HALF_M = 4.5  # of the map that a trajectory is checked against
 FIELD_HALF_M = (3.5, 3.5)
 RING_M = 0.25  # about a robot that begins to drive the floor is taken for free: the camera cannot see it
 MAP_EVERY_S = 1.0
+COMES_DOWN_S, DESCENTS_MAX = 4.0, 2  # a flight held up so long comes down and drives on, at most so often
 HELD_UP_S, STUCK_IN_AIR_S = 1.0, 10.0  # hovering costs thirty times what standing does: it does not wait long
 SAME_GOAL_M = 0.05  # a goal that was moved by less is the same
 STILL_MPS = 0.05
@@ -65,6 +66,7 @@ class Pipeline:
         self._route = routes.State()
         self._way_out = WayOut()
         self._held_up_s: float | None = None  # since when a flight gets no farther
+        self._descents, self._comes_down = 0, False  # of flights to one goal that were held up
         self._begins = True
         self._goal_m: Array | None = None
         self._seen = -1
@@ -103,6 +105,7 @@ class Pipeline:
         done_s = now()
         self._previous = refined.trajectory
         held_up_s = self._held_up(request, refined)
+        comes_down = self._gives_up_flying(request, ways, held_up_s)
         at_once = request.mode is Mode.LAND and self._way_out.hops
         return PlanResult(
             sequence=request.sequence,
@@ -118,7 +121,7 @@ class Pipeline:
             take_off_clear=room_above,
             landing_clear=self._may_land(request, ways),
             depart_rad=math.nan if request.follow else self._depart_rad(request, ways),
-            hop=at_once or self._ways.hop_planned(request, ways),
+            hop=at_once or comes_down or self._ways.hop_planned(request, ways),
             nearest=self._ways.nearest(request, ways) or held_up_s > HELD_UP_S,
             stuck=held_up_s > STUCK_IN_AIR_S or (request.mode is Mode.LAND and self._way_out.given_up),
             timings=Timings(
@@ -139,6 +142,7 @@ class Pipeline:
         self._goal_m = np.array(request.goal_m, dtype=float)
         if another:
             self._way_out.reset()
+            self._descents = 0
         elif request.fresh:
             self._way_out.resume()
         if another or (request.fresh and request.mode is Mode.LAND):
@@ -248,7 +252,7 @@ class Pipeline:
     def _may_land(self, request: PlanRequest, ways: CostToGo) -> bool:
         """Room to come down here, and, for a goal on land, nothing to gain by flying on."""
         room = self._column_clear(request, float(request.body_pose.position_m[2]))
-        if request.goal_in_air or request.mode is Mode.LAND:
+        if request.mode is Mode.LAND or (request.goal_in_air and not self._comes_down):
             return room
         return self._ways.hops.may_land(request, ways, room)
 
@@ -258,7 +262,7 @@ class Pipeline:
     ) -> tuple[Array, Source, str]:
         """Key points of a flight to a goal in the air, or to where it comes down for one on land."""
         here, goal, over = request.motion.position_m, np.array(request.goal_m, dtype=float), None
-        if not request.goal_in_air:
+        if not request.goal_in_air or self._comes_down:
             over = self._ways.hops.in_air(request, ways)
             end = over.end(here[:2])
             goal = np.array([*(goal[:2] if end is None else end), here[2]])
@@ -287,6 +291,19 @@ class Pipeline:
         elif self._held_up_s is None:
             self._held_up_s = request.start_s
         return 0.0 if self._held_up_s is None else request.start_s - self._held_up_s
+
+    def _gives_up_flying(self, request: PlanRequest, ways: CostToGo, held_up_s: float) -> bool:
+        """Whether a flight to a goal in the air that gets no farther is to come down and to drive on."""
+        if request.mode is Mode.LAND:
+            self._descents += self._comes_down
+            self._comes_down = False
+        elif held_up_s > COMES_DOWN_S and self._descents < DESCENTS_MAX:
+            here = request.body_pose.position_m[:2]
+            far = float(np.hypot(*(request.goal_m[:2] - here))) > GOAL_JOIN_M
+            if far and math.isfinite(ways.cost_m(here)) and not self._comes_down:
+                self._comes_down = True
+                self._ways.hops.anywhere()
+        return self._comes_down
 
     def _wait(self, request: PlanRequest) -> RefineResult:
         """To rest: nobody follows it."""
