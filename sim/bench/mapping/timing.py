@@ -10,9 +10,11 @@ import numba
 import numpy as np
 
 from labr_autonomy.refine.check import Verdict, dense_check
-from labr_autonomy.refine.reference import BLIND_AIR_M, BLIND_LAND_M, CREEP_MPS, MARGIN_M, Path, first_unknown
+from labr_autonomy.refine.reference import CREEP_MPS, MARGIN_M, Path, first_unknown
 from labr_autonomy.refine.values import DistanceField
 from labr_autonomy.types import Array, Source, Trajectory
+
+BLIND_M = 0.6  # unknown as close to the outline as this is taken as free, on land and in the air: it is bold
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +48,7 @@ def gained(caps: Any, spacing: float, acceleration: float, first: float) -> Any:
 
 def unknown_caps(points_m: Array, arcs_m: Array, field: DistanceField, radius_m: float, a: float) -> Array:
     """Speed caps (n,) that let the outline stop before the first unknown place of the path, but creep on."""
-    blind_m = BLIND_LAND_M if points_m.shape[1] == 2 else BLIND_AIR_M
-    stop_m = first_unknown(Path(points_m, blocked=False), field, radius_m + blind_m) - radius_m - MARGIN_M
+    stop_m = first_unknown(Path(points_m, blocked=False), field, radius_m + BLIND_M) - radius_m - MARGIN_M
     if not math.isfinite(stop_m):
         return np.full(len(arcs_m), np.inf)
     caps: Array = np.maximum(CREEP_MPS, np.sqrt(2.0 * a * np.maximum(stop_m - arcs_m, 0.0)))
