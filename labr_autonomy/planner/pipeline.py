@@ -142,7 +142,7 @@ class Pipeline:
         self._goal_m = np.array(request.goal_m, dtype=float)
         if another:
             self._way_out.reset()
-            self._descents = 0
+            self._descents, self._comes_down = 0, False
         elif request.fresh:
             self._way_out.resume()
         if another or (request.fresh and request.mode is Mode.LAND):
@@ -237,9 +237,7 @@ class Pipeline:
         self, state: LandState, what: Array | float, field: Field2, request: PlanRequest
     ) -> RefineResult:
         """The trajectory of a step of the recovery."""
-        if (
-            isinstance(what, float) and abs(state.speed) > STILL_MPS
-        ):  # who turns while it rolls leaves its way
+        if isinstance(what, float) and abs(state.speed) > STILL_MPS:  # it would leave its way
             trajectory = self._refiner.brake_land(state, request.start_s)
             return RefineResult(trajectory, Source.BRAKE, math.nan, True, "", 0.0)
         if isinstance(what, float):

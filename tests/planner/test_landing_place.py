@@ -93,3 +93,13 @@ def test_it_comes_down_so_twice_at_most():
     results, _ = flown(pipeline, (0.0, 0.0, 1.5), goal, 30.0, in_air=True, until=lambda r: r.stuck)
     assert results[-1].stuck
     assert not any(r.hop for r in results)
+
+
+def test_another_goal_is_flown_to_again():
+    pipeline = seen_from(1.5, CURTAIN)
+    results, place = flown(
+        pipeline, (0.0, 0.0, 1.5), (5.0, 0.0, 1.5), 30.0, in_air=True, until=lambda r: r.hop
+    )
+    assert results[-1].hop
+    after, _ = flown(pipeline, place, (-3.0, 0.0, 1.5), 0.2, in_air=True, until=lambda r: False)
+    assert not after[-1].hop
