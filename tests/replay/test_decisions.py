@@ -19,7 +19,7 @@ from labr_autonomy.replay.plans import read_plans
 from labr_autonomy.types import DepthFrame, Intrinsics
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "mission"))
-import test_pilot as rig
+import pilot_rig as rig
 
 CAMERA = Intrinsics(8, 6, 4.0, 4.0, 4.0, 3.0)
 
