@@ -93,26 +93,23 @@ class LandPlanner:
             out = self._model.trajectory(x, u, state, now_s, source)
             return call.result(out, verdict, self.config.body.radius_m, why)
 
+        def turned(yaw_rad: float, why: str) -> RefineResult | None:
+            x, u = self._model.turn(x0, yaw_rad)
+            verdict = task.judge(x, u)
+            return give(x, u, verdict, Source.TURN, why) if verdict.may_leave else None
+
         if not np.isfinite(points).all():
             return self._fallback(task, state, call, "the key points are not finite numbers")
         path = reference.shape(x0[:2], points, field, self.hard_m, self.aim_m)
         if path.blocked and path.length_m < BLOCKED_M:
             look = self._look_needed(state, points, path, field)
-            if look is not None:
-                x, u = self._model.turn(x0, look)
-                verdict = task.judge(x, u)
-                if verdict.may_leave:
-                    return give(x, u, verdict, Source.TURN, "looking where the path leads")
-            return self._fallback(
-                task, state, call, f"the key points are blocked after {path.length_m:.1f} m"
-            )
+            looks = None if look is None else turned(look, "looking where the path leads")
+            blocked = f"the key points are blocked after {path.length_m:.1f} m"
+            return looks or self._fallback(task, state, call, blocked)
         turn = self._turn_first(state, points, path, field)
         if turn is not None:
-            x, u = self._model.turn(x0, turn[0])
-            verdict = task.judge(x, u)
-            if verdict.may_leave:
-                return give(x, u, verdict, Source.TURN, turn[1])
-            return self._fallback(task, state, call, "no room to stop while turning towards the path")
+            no_room = "no room to stop while turning towards the path"
+            return turned(*turn) or self._fallback(task, state, call, no_room)
         pace = reference.Pace(
             min(speed_mps or lim.speed_mps, lim.speed_mps),
             lim.acceleration_mps2,
