@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from planner_rig import CONFIG, looked_round
 
-from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import quaternion_from_rpy
 from labr_autonomy.planner.messages import Motion, PlanRequest
 from labr_autonomy.planner.pipeline import DESCENTS_MAX, Pipeline
-from labr_autonomy.types import DepthFrame, Mode, Pose
+from labr_autonomy.types import Mode, Pose
 
-CONFIG = RobotConfig()
 PERIOD_S = 0.1
 TABLE_M = 0.9  # half of its edge
 UPRIGHT = quaternion_from_rpy(0.0, 0.0, 0.0)
@@ -19,11 +18,8 @@ UPRIGHT = quaternion_from_rpy(0.0, 0.0, 0.0)
 def seen_from(height_m, *boxes):
     """A pipeline that has seen open space all round, but for boxes (x0, y0, z0, x1, y1, z1)."""
     pipeline = Pipeline(CONFIG, network=False)
-    optics = CONFIG.camera.intrinsics
-    nothing = DepthFrame(1, 0.0, np.zeros((optics.height, optics.width), np.float32), optics)
-    grid = pipeline._map
-    grid.update(nothing, Pose(np.array([0.0, 0.0, height_m]), UPRIGHT), 0.0)
-    grid.driving.bands[:], grid.driving.odds[:], grid.driving.heights_mm[:] = -20, -20, 0
+    grid = looked_round(pipeline, Pose(np.array([0.0, 0.0, height_m]), UPRIGHT))
+    grid.driving.heights_mm[:] = 0
     grid.log_odds[:] = -40
     for box in boxes:
         low, high = (

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planner_rig import CONFIG, looked_round
 
-from labr_autonomy.config import RobotConfig
 from labr_autonomy.frames import quaternion_from_rpy
 from labr_autonomy.perception.driving_kernels import CELL_M
 from labr_autonomy.planner.first_stage import FirstStage
@@ -17,7 +17,6 @@ from labr_autonomy.planner.pipeline import Pipeline
 from labr_autonomy.planner.refusals import WAITS_S
 from labr_autonomy.types import DepthFrame, Mode, Pose
 
-CONFIG = RobotConfig()
 FLOOR_Z_M = 0.0
 
 
@@ -31,12 +30,7 @@ def request(x, y, goal, *, in_air=False, now_s=0.0):
 
 def painted(pipeline, x, y, *boxes):
     """Let it see free floor all round a place, but for solid boxes (x0, y0, x1, y1)."""
-    grid = pipeline._map
-    optics = CONFIG.camera.intrinsics
-    nothing = DepthFrame(1, 0.0, np.zeros((optics.height, optics.width), np.float32), optics)
-    grid.update(nothing, request(x, y, (x, y)).body_pose, FLOOR_Z_M)  # the map follows it there
-    layer = grid.driving
-    layer.bands[:], layer.odds[:] = -20, -20
+    layer = looked_round(pipeline, request(x, y, (x, y)).body_pose).driving
     for x0, y0, x1, y1 in boxes:
         low = np.maximum(np.round((np.array([x0, y0]) - layer.origin_m) / CELL_M).astype(int), 0)
         high = np.maximum(np.round((np.array([x1, y1]) - layer.origin_m) / CELL_M).astype(int), 0)
